@@ -1,0 +1,186 @@
+#include <wiggers/cellmodels/pacing.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include <fmt/format.h>
+
+#include <wiggers/core/cvode.hpp>
+#include <wiggers/core/errors.hpp>
+
+namespace wiggers {
+
+void check_protocol(const CellModel& model, const PacingProtocol& protocol, const CellIntegrator& integrator) {
+  const double pulse_end = protocol.stimulus.onset_ms + protocol.stimulus.duration_ms;
+  if (!(protocol.period_ms > 0) || !std::isfinite(protocol.period_ms))
+    throw InputError(fmt::format("period = {} ms must be positive", protocol.period_ms));
+  if (!(protocol.stimulus.duration_ms >= 0) || !(protocol.stimulus.onset_ms >= 0))
+    throw InputError("stimulus duration and onset must not be negative");
+  if (protocol.period_ms <= pulse_end)
+    throw InputError(fmt::format("period = {} ms is not longer than the stimulus, which ends at {} ms",
+                                 protocol.period_ms, pulse_end));
+  if (!std::isfinite(protocol.stimulus.amplitude_A_per_F) ||
+      std::abs(protocol.stimulus.amplitude_A_per_F) > 1000)
+    throw InputError(fmt::format("stimulus = {} A/F is outside -1000 to 1000", protocol.stimulus.amplitude_A_per_F));
+  if (integrator.name == "cvode") {
+    if (!(integrator.relative_tolerance >= 1e-13 && integrator.relative_tolerance <= 1e-1))
+      throw InputError(fmt::format("rtol = {} is outside 1e-13 to 0.1", integrator.relative_tolerance));
+    if (!(integrator.absolute_tolerance >= 1e-16 && integrator.absolute_tolerance <= 1))
+      throw InputError(fmt::format("atol = {} is outside 1e-16 to 1", integrator.absolute_tolerance));
+  } else {
+    (void)model.stepper(integrator.name, model.parameter_values(model.parameter_sets.front().name));
+    if (!(integrator.dt_ms >= 1e-5 && integrator.dt_ms <= protocol.period_ms))
+      throw InputError(
+          fmt::format("dt = {} ms is outside 1e-5 to the period {} ms", integrator.dt_ms, protocol.period_ms));
+  }
+}
+
+void make_admissible(const CellModel& model, std::vector<double>& state) {
+  for (std::size_t i = 0; i < state.size(); ++i)
+    state[i] = std::clamp(state[i], model.states[i].lower, model.states[i].upper);
+}
+
+PacedCell::PacedCell(const CellModel& model, std::vector<double> parameters, PacingProtocol protocol,
+                     CellIntegrator integrator)
+    : model_(model), parameters_(std::move(parameters)), protocol_(protocol), integrator_(std::move(integrator)) {
+  check_protocol(model_, protocol_, integrator_);
+}
+
+void PacedCell::check_range(double t, const std::vector<double>& state) const {
+  for (std::size_t i = 0; i < state.size(); ++i) {
+    const Quantity& q = model_.states[i];
+    const double slack = 1e-6 * (std::isfinite(q.upper) ? std::max(1.0, std::abs(q.upper)) : 1.0);
+    if (!std::isfinite(state[i]) || state[i] < q.lower - slack || state[i] > q.upper + slack)
+      throw NumericalFailure(fmt::format(
+          "{}: state {} = {} {} left its physical range {} to {} at t = {:.4g} ms of the beat (integrator {}{}). "
+          "Try a smaller step, or integrator rush-larsen or cvode.",
+          model_.name, q.name, state[i], q.unit, q.lower, q.upper, t, integrator_.name,
+          integrator_.name == "cvode" ? std::string() : fmt::format(", dt {} ms", integrator_.dt_ms)));
+  }
+}
+
+void PacedCell::beat(std::vector<double>& state, double sample_ms, const Sampler& sampler) {
+  const double period = protocol_.period_ms;
+  const StimulusPulse& pulse = protocol_.stimulus;
+  // Stops: the pulse's edges (the right-hand side jumps there) and the sample times.
+  const double edges[] = {pulse.onset_ms, pulse.onset_ms + pulse.duration_ms};
+  const auto is_edge = [&](double t) { return pulse.duration_ms > 0 && (t == edges[0] || t == edges[1]); };
+  std::set<double> stops = {period};
+  if (pulse.duration_ms > 0) stops.insert(std::begin(edges), std::end(edges));
+  std::set<double> samples;
+  if (sampler) {
+    const auto n = static_cast<long>(std::floor(period / sample_ms * (1 + 1e-12)));
+    for (long k = 0; k <= n; ++k) samples.insert(std::min(period, static_cast<double>(k) * sample_ms));
+    samples.insert(period);
+    // A sample within rounding of an edge or of the end is that instant.
+    for (double stop : stops)
+      for (auto it = samples.begin(); it != samples.end();)
+        it = (*it != stop && std::abs(*it - stop) < 1e-9 * period) ? samples.erase(it) : std::next(it);
+    for (double stop : stops)
+      if (std::abs(std::remainder(stop, sample_ms)) < 1e-9 * period) samples.insert(stop);
+    stops.insert(samples.begin(), samples.end());
+  }
+  stops.erase(stops.begin(), stops.upper_bound(0.0));
+
+  double inputs[1] = {pulse.current_on_span(0)};
+  if (sampler && samples.count(0.0)) sampler(0, state.data(), inputs[0]);
+
+  if (integrator_.name == "cvode") {
+    OdeSystem system;
+    system.size = model_.states.size();
+    system.derivative = [&](double, const double* y, double* dy) {
+      model_.evaluate(y, inputs, parameters_.data(), dy, nullptr);
+    };
+    system.jacobian = [&](double, const double* y, double* jacobian) {
+      model_.jacobian(y, inputs, parameters_.data(), jacobian);
+    };
+    OdeTolerances tolerances{integrator_.relative_tolerance, {}};
+    // absolute_tolerance is for a state of size one; concentrations of 1e-4 mM need theirs smaller.
+    for (const Quantity& q : model_.states) {
+      const bool small = q.unit == "mM" && q.default_value < 0.1;
+      tolerances.absolute.push_back(integrator_.absolute_tolerance * (small ? 1e-2 : 1.0));
+    }
+    Cvode solver(system, tolerances);
+    solver.restart(0, state);
+    for (double stop : stops) {
+      try {
+        state = solver.advance(stop);
+      } catch (const NumericalFailure& failure) {
+        throw NumericalFailure(fmt::format("{}: {}", model_.name, failure.what()));
+      }
+      check_range(stop, state);
+      const double current = pulse.current_on_span(stop);
+      if (is_edge(stop)) {
+        inputs[0] = current;
+        solver.restart(stop, state);
+      }
+      if (sampler && samples.count(stop)) sampler(stop, state.data(), inputs[0]);
+    }
+  } else {
+    const auto stepper = model_.stepper(integrator_.name, parameters_);
+    double t = 0;
+    for (double stop : stops) {
+      const auto n_steps = static_cast<long>(std::ceil((stop - t) / integrator_.dt_ms * (1 - 1e-12)));
+      const double h = (stop - t) / static_cast<double>(n_steps);
+      // Steps that differ only by rounding count as equal: multistep schemes keep their history.
+      const double step = std::abs(h - integrator_.dt_ms) < 1e-9 * integrator_.dt_ms ? integrator_.dt_ms : h;
+      for (long k = 0; k < n_steps; ++k) {
+        stepper->step(step, state.data(), inputs);
+        // Cheap at this cadence, and it stops a diverging run before it overflows.
+        if ((k & 15) == 15) check_range(t + static_cast<double>(k + 1) * step, state);
+      }
+      t = stop;
+      check_range(t, state);
+      if (is_edge(stop)) {
+        inputs[0] = pulse.current_on_span(stop);
+        stepper->restart();
+      }
+      if (sampler && samples.count(stop)) sampler(stop, state.data(), inputs[0]);
+    }
+  }
+}
+
+std::vector<double> PacedCell::scales(const std::vector<double>& start) const {
+  std::vector<double> s;
+  for (std::size_t i = 0; i < start.size(); ++i)
+    s.push_back(static_cast<int>(i) == model_.membrane_potential ? 10.0 : std::abs(start[i]) + 1e-3);
+  return s;
+}
+
+LimitCycleCertificate PacedCell::to_limit_cycle(
+    std::vector<double>& state, LimitCycleSettings settings,
+    const std::function<void(const LimitCycleCertificate&)>& after_beat) {
+  if (!model_.keeps_invariant(parameters_.data()))
+    throw InputError(fmt::format(
+        "{}: there is no limit cycle to find: the stimulus charge is booked to no ion (stimulus_K_fraction = {}), "
+        "so the cell gains charge every beat. Set stimulus_K_fraction = 1, or pace a number of beats.",
+        model_.name,
+        parameters_[require_index(model_.parameters, "parameter", "stimulus_K_fraction")]));
+  if (integrator_.name == "cvode") settings.map_noise = integrator_.relative_tolerance;
+  const double charge = model_.invariant(state.data(), parameters_.data());
+  std::vector<bool> positive;
+  for (const Quantity& q : model_.states) positive.push_back(q.unit == "mM");
+  LimitCycleSearch search(settings, scales(state), positive);
+  while (search.running()) {
+    std::vector<double> image = state;
+    try {
+      beat(image);
+    } catch (const NumericalFailure&) {
+      bool recovered = false;
+      state = search.after_failure(recovered);
+      if (!recovered) throw;
+      continue;
+    }
+    // The scheme's own drift of the charge is reported, then removed: the map is projected on the leaf.
+    invariant_drift_ = model_.invariant(image.data(), parameters_.data()) - charge;
+    model_.hold_invariant(image.data(), parameters_.data(), charge);
+    state = search.next(state, image);
+    make_admissible(model_, state);
+    model_.hold_invariant(state.data(), parameters_.data(), charge);
+    if (after_beat) after_beat(search.certificate());
+  }
+  return search.certificate();
+}
+
+}  // namespace wiggers

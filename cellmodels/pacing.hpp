@@ -1,0 +1,67 @@
+// One paced cell: beats, sampled traces, limit cycles; with CVODE or any fixed-step integrator.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include <wiggers/cellmodels/catalogue.hpp>
+#include <wiggers/core/limit_cycle.hpp>
+
+namespace wiggers {
+
+struct CellIntegrator {
+  std::string name = "cvode";         // or a fixed-step integrator of the catalogue
+  double relative_tolerance = 1e-8;   // cvode
+  double absolute_tolerance = 1e-10;  // cvode; multiplied by each state's typical size, see pacing.cpp
+  double dt_ms = 0.02;                // fixed steps: the largest step; spans between edges are divided evenly
+};
+
+struct PacingProtocol {
+  double period_ms = 1000;
+  StimulusPulse stimulus;
+};
+
+// Refuses impossible protocols: a period that is not longer than the pulse, steps of no use, ...
+void check_protocol(const CellModel& model, const PacingProtocol& protocol, const CellIntegrator& integrator);
+
+class PacedCell {
+ public:
+  PacedCell(const CellModel& model, std::vector<double> parameters, PacingProtocol protocol,
+            CellIntegrator integrator);
+
+  // Called at t = 0, sample_ms, ... and at the end of the beat: (time in the beat [ms], state, stimulus).
+  using Sampler = std::function<void(double, const double*, double)>;
+
+  // Advances `state` by one period. Throws NumericalFailure naming time and state if a state leaves its range.
+  void beat(std::vector<double>& state, double sample_ms = 0, const Sampler& sampler = {});
+
+  // Scales of the limit cycle's distance: |x0| + 1e-3, membrane potential 10 mV.
+  std::vector<double> scales(const std::vector<double>& start) const;
+
+  // Paces to the limit cycle on the leaf of the start's conserved charge. `state` ends on it. The callback is
+  // called after every beat. Refuses a model whose charge is not conserved: it has no cycle.
+  LimitCycleCertificate to_limit_cycle(
+      std::vector<double>& state, LimitCycleSettings settings,
+      const std::function<void(const LimitCycleCertificate&)>& after_beat = {});
+
+  // Drift of the invariant over the last beat, before it was held (mV).
+  double invariant_drift() const { return invariant_drift_; }
+
+  const CellModel& model() const { return model_; }
+  const std::vector<double>& parameters() const { return parameters_; }
+
+ private:
+  void check_range(double t, const std::vector<double>& state) const;
+
+  const CellModel& model_;
+  std::vector<double> parameters_;
+  PacingProtocol protocol_;
+  CellIntegrator integrator_;
+  double invariant_drift_ = 0;
+};
+
+// Brings a proposed state back to where it has a meaning: gates to [0, 1], concentrations positive.
+void make_admissible(const CellModel& model, std::vector<double>& state);
+
+}  // namespace wiggers

@@ -1,0 +1,105 @@
+// The closed RLC circulation: twelve states, four valves, chamber pressures from outside. mmHg, mL, s.
+//
+//   each circuit (SYS, PUL):   Q_in --+--[R_AR L_AR]--+--[R_VEN L_VEN]--> atrium
+//                                     |               |
+//                                    C_AR            C_VEN          (C first, then R and L in series)
+//
+//   dV/dt of a chamber = inflow - outflow;  C dp/dt = inflow - outflow of the node;
+//   L dQ/dt = pressure before - pressure after - R Q.
+// Sources: Regazzoni et al., J Comput Phys 457:111083, 2022; Fedele et al. 2023 (whole-heart paper).
+// Invariant: total stressed volume = chamber volumes + sum of C p; constant without external flow.
+#pragma once
+
+#include <array>
+#include <string_view>
+
+#include <wiggers/circulation/names.hpp>
+#include <wiggers/circulation/valves.hpp>
+#include <wiggers/core/quantity.hpp>
+
+namespace wiggers {
+
+struct CircuitParameters {
+  double R_AR = 0, C_AR = 0, L_AR = 0, R_VEN = 0, C_VEN = 0, L_VEN = 0;
+};
+inline constexpr std::array circuit_quantities = {
+    Quantity{"R_AR", "mmHg s/mL", 0.48, 0, 1e3, "arterial resistance"},
+    Quantity{"C_AR", "mL/mmHg", 1.5, 1e-6, 1e4, "arterial compliance"},
+    Quantity{"L_AR", "mmHg s^2/mL", 5e-3, 1e-9, 10, "arterial inertance"},
+    Quantity{"R_VEN", "mmHg s/mL", 0.26, 0, 1e3, "venous resistance"},
+    Quantity{"C_VEN", "mL/mmHg", 60, 1e-6, 1e4, "venous compliance"},
+    Quantity{"L_VEN", "mmHg s^2/mL", 5e-4, 1e-9, 10, "venous inertance"},
+};
+static_assert(well_formed(circuit_quantities));
+
+// The states as quantities; defaults: limit cycle of the set wiggers-healthy-0d, rounded.
+inline constexpr std::array circulation_state_quantities = {
+    Quantity{"V_LA", "mL", 65, 0, 1e4, "volume of the left atrium"},
+    Quantity{"V_LV", "mL", 120, 0, 1e4, "volume of the left ventricle"},
+    Quantity{"V_RA", "mL", 65, 0, 1e4, "volume of the right atrium"},
+    Quantity{"V_RV", "mL", 145, 0, 1e4, "volume of the right ventricle"},
+    Quantity{"p_AR_SYS", "mmHg", 80, -100, 1e3, "systemic arterial pressure"},
+    Quantity{"p_VEN_SYS", "mmHg", 30, -100, 1e3, "systemic venous pressure"},
+    Quantity{"p_AR_PUL", "mmHg", 15, -100, 1e3, "pulmonary arterial pressure"},
+    Quantity{"p_VEN_PUL", "mmHg", 12, -100, 1e3, "pulmonary venous pressure"},
+    Quantity{"Q_AR_SYS", "mL/s", 0, -1e5, 1e5, "systemic arterial flow"},
+    Quantity{"Q_VEN_SYS", "mL/s", 0, -1e5, 1e5, "systemic venous flow, into the right atrium"},
+    Quantity{"Q_AR_PUL", "mL/s", 0, -1e5, 1e5, "pulmonary arterial flow"},
+    Quantity{"Q_VEN_PUL", "mL/s", 0, -1e5, 1e5, "pulmonary venous flow, into the left atrium"},
+};
+static_assert(well_formed(circulation_state_quantities));
+
+struct CirculationParameters {
+  ValveLaw valve_law = ValveLaw::diode;
+  double tanh_steepness = tanh_steepness_quantity.default_value;
+  std::array<ValveParameters, n_valves> valves;
+  std::array<CircuitParameters, 2> circuits;  // SYS, PUL
+};
+
+using CirculationValues = std::array<double, n_circulation_states>;
+
+// Flows through MV, AV, TV, PV for chamber pressures p[LA, LV, RA, RV].
+template <class T>
+std::array<T, n_valves> valve_flows(const CirculationParameters& c, const T* p, const T& p_ar_sys,
+                                    const T& p_ar_pul) {
+  const auto flow = [&](int valve, const T& p1, const T& p2) {
+    return valve_flow<T>(c.valve_law, c.valves[valve], c.tanh_steepness, p1, p2);
+  };
+  return {flow(MV, p[LA], p[LV]), flow(AV, p[LV], p_ar_sys), flow(TV, p[RA], p[RV]), flow(PV, p[RV], p_ar_pul)};
+}
+
+// Time derivatives of the twelve states for given chamber pressures and valve flows.
+template <class T>
+void circulation_rates(const CirculationParameters& c, const T* y, const T* p, const std::array<T, n_valves>& Q,
+                       T* dy) {
+  const CircuitParameters& s = c.circuits[SYS];
+  const CircuitParameters& l = c.circuits[PUL];
+  dy[V_LA] = y[Q_VEN_PUL] - Q[MV];
+  dy[V_LV] = Q[MV] - Q[AV];
+  dy[V_RA] = y[Q_VEN_SYS] - Q[TV];
+  dy[V_RV] = Q[TV] - Q[PV];
+  dy[p_AR_SYS] = (Q[AV] - y[Q_AR_SYS]) / s.C_AR;
+  dy[p_VEN_SYS] = (y[Q_AR_SYS] - y[Q_VEN_SYS]) / s.C_VEN;
+  dy[p_AR_PUL] = (Q[PV] - y[Q_AR_PUL]) / l.C_AR;
+  dy[p_VEN_PUL] = (y[Q_AR_PUL] - y[Q_VEN_PUL]) / l.C_VEN;
+  dy[Q_AR_SYS] = (y[p_AR_SYS] - y[p_VEN_SYS] - s.R_AR * y[Q_AR_SYS]) / s.L_AR;
+  dy[Q_VEN_SYS] = (y[p_VEN_SYS] - p[RA] - s.R_VEN * y[Q_VEN_SYS]) / s.L_VEN;
+  dy[Q_AR_PUL] = (y[p_AR_PUL] - y[p_VEN_PUL] - l.R_AR * y[Q_AR_PUL]) / l.L_AR;
+  dy[Q_VEN_PUL] = (y[p_VEN_PUL] - p[LA] - l.R_VEN * y[Q_VEN_PUL]) / l.L_VEN;
+}
+
+// Total stressed blood volume (mL).
+double total_volume(const CirculationParameters& c, const double* y);
+
+// Sets the systemic venous pressure so that the total volume has the given value.
+void hold_total_volume(const CirculationParameters& c, double* y, double volume_mL);
+
+// Power lost in resistors and valves (mmHg mL/s): what the chambers' work must equal over a periodic beat.
+double dissipated_power(const CirculationParameters& c, const double* y, const double* p,
+                        const std::array<double, n_valves>& Q);
+
+// Explicit Euler of the venous branch is stable for steps below 2 L_VEN/R_VEN; the smaller one of the two
+// circuits (s).
+double largest_explicit_step(const CirculationParameters& c);
+
+}  // namespace wiggers

@@ -1,0 +1,52 @@
+// Elastance chambers: p = p_ex + E(t) (V - V0), E(t) = EB + EA phi(t). mmHg, mL, s.
+//
+// phi rises from 0 to 1 by half a cosine over TC from tC, falls back over TR, and is 0 for the rest of the
+// period (TC + TR <= period). It is C1; its second derivative jumps at tC, tC + TC and tC + TC + TR, where
+// integrators restart. EA is the amplitude: the peak elastance is EA + EB. (Regazzoni et al. 2022, circulation
+// appendix.)
+#pragma once
+
+#include <array>
+#include <cmath>
+
+#include <wiggers/core/quantity.hpp>
+
+namespace wiggers {
+
+struct ElastanceParameters {
+  double EA = 0, EB = 0, tC = 0, TC = 0, TR = 0, V0 = 0;
+};
+// Defaults: left ventricle of the set wiggers-healthy-0d.
+inline constexpr std::array elastance_quantities = {
+    Quantity{"EA", "mmHg/mL", 2.75, 0, 1e3, "amplitude of the elastance (peak: EA + EB)"},
+    Quantity{"EB", "mmHg/mL", 0.08, 1e-6, 1e3, "elastance at rest"},
+    Quantity{"tC", "s", 0, 0, 100, "onset of contraction within the period (taken modulo the period)"},
+    Quantity{"TC", "s", 0.272, 1e-3, 10, "duration of contraction"},
+    Quantity{"TR", "s", 0.136, 1e-3, 10, "duration of relaxation"},
+    Quantity{"V0", "mL", 5, -100, 1e3, "volume at zero pressure"},
+};
+static_assert(well_formed(elastance_quantities));
+
+// Remainder in [0, period), for negative times too.
+inline double wrapped(double t, double period) {
+  const double r = std::fmod(t, period);
+  return r < 0 ? r + period : r;
+}
+
+// phi(t) in [0, 1].
+inline double elastance_activation(const ElastanceParameters& e, double t, double period) {
+  constexpr double pi = 3.14159265358979323846;
+  const double m = wrapped(t - e.tC, period);
+  if (m < e.TC) return 0.5 * (1 - std::cos(pi * m / e.TC));
+  if (m < e.TC + e.TR) return 0.5 * (1 + std::cos(pi * (m - e.TC) / e.TR));
+  return 0;
+}
+
+inline double elastance(const ElastanceParameters& e, double t, double period) {
+  return e.EB + e.EA * elastance_activation(e, t, period);
+}
+
+// Refuses TC + TR > period, naming `place`.
+void check_elastance(const ElastanceParameters& e, double period, const char* place);
+
+}  // namespace wiggers

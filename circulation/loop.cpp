@@ -1,0 +1,199 @@
+#include <wiggers/circulation/loop.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include <fmt/format.h>
+
+#include <wiggers/core/cvode.hpp>
+#include <wiggers/core/dual.hpp>
+#include <wiggers/core/errors.hpp>
+
+namespace wiggers {
+
+namespace {
+
+using Jet = Dual<n_circulation_states>;
+
+template <class T>
+void loop_rates(const Loop& loop, double t, const T* y, T* dy) {
+  T p[n_chambers];
+  for (int c = 0; c < n_chambers; ++c)
+    p[c] = elastance(loop.elastance[c], t, loop.period_s) * (y[c] - loop.elastance[c].V0);
+  const auto Q = valve_flows<T>(loop.circulation, p, y[p_AR_SYS], y[p_AR_PUL]);
+  circulation_rates<T>(loop.circulation, y, p, Q, dy);
+}
+
+void check_state(const double* y, double t) {
+  for (int k = 0; k < n_circulation_states; ++k)
+    if (!std::isfinite(y[k]) || std::abs(y[k]) > 1e6)
+      throw NumericalFailure(fmt::format("the loop diverged: {} = {} {} at t = {:.4g} s of the beat. Try a smaller "
+                                         "step, or integrator cvode.",
+                                         circulation_state_quantities[k].name, y[k],
+                                         circulation_state_quantities[k].unit, t));
+}
+
+}  // namespace
+
+Table circulation_table() {
+  Table table;
+  table.add("t_s", "s", "time within the beat");
+  for (const Quantity& q : circulation_state_quantities)
+    table.add(std::string(q.name), std::string(q.unit), std::string(q.meaning));
+  for (std::string_view chamber : chamber_names)
+    table.add(fmt::format("p_{}", chamber), "mmHg", fmt::format("pressure in {}", chamber));
+  for (std::string_view valve : valve_names)
+    table.add(fmt::format("Q_{}", valve), "mL/s", fmt::format("flow through {}, forward positive", valve));
+  return table;
+}
+
+void append_circulation_row(Table& table, double t, const double* y, const double* p,
+                            const std::array<double, n_valves>& Q) {
+  std::size_t column = 0;
+  table.columns[column++].values.push_back(t);
+  for (int k = 0; k < n_circulation_states; ++k) table.columns[column++].values.push_back(y[k]);
+  for (int k = 0; k < n_chambers; ++k) table.columns[column++].values.push_back(p[k]);
+  for (int k = 0; k < n_valves; ++k) table.columns[column++].values.push_back(Q[k]);
+}
+
+std::vector<double> circulation_scales() {
+  return {100, 100, 100, 100, 10, 10, 10, 10, 100, 100, 100, 100};
+}
+
+LoopSolver::LoopSolver(Loop loop, LoopIntegrator integrator)
+    : loop_(std::move(loop)), integrator_(std::move(integrator)) {
+  if (std::find(loop_integrators.begin(), loop_integrators.end(), integrator_.name) == loop_integrators.end())
+    refuse_unknown("integrator", integrator_.name,
+                   std::vector<std::string>(loop_integrators.begin(), loop_integrators.end()));
+  if (!(integrator_.relative_tolerance >= 1e-13 && integrator_.relative_tolerance <= 0.1))
+    throw InputError(fmt::format("rtol = {} is outside 1e-13 to 0.1", integrator_.relative_tolerance));
+  if (!(integrator_.absolute_tolerance >= 1e-14 && integrator_.absolute_tolerance <= 1))
+    throw InputError(fmt::format("atol = {} is outside 1e-14 to 1", integrator_.absolute_tolerance));
+  if (!(integrator_.dt_s >= 1e-7 && integrator_.dt_s <= loop_.period_s))
+    throw InputError(
+        fmt::format("dt = {} s is outside 1e-7 to the period, {} s", integrator_.dt_s, loop_.period_s));
+  std::set<double> breaks;
+  for (const ElastanceParameters& e : loop_.elastance)
+    for (double offset : {0.0, e.TC, e.TC + e.TR}) {
+      const double t = wrapped(e.tC + offset, loop_.period_s);
+      if (t > 1e-12 * loop_.period_s && t < (1 - 1e-12) * loop_.period_s) breaks.insert(t);
+    }
+  // Instants that differ by rounding only are one.
+  for (double t : breaks)
+    if (breaks_.empty() || t - breaks_.back() > 1e-9 * loop_.period_s) breaks_.push_back(t);
+}
+
+std::array<double, n_chambers> LoopSolver::pressures(double t, const double* y) const {
+  std::array<double, n_chambers> p{};
+  for (int c = 0; c < n_chambers; ++c)
+    p[c] = elastance(loop_.elastance[c], t, loop_.period_s) * (y[c] - loop_.elastance[c].V0);
+  return p;
+}
+
+void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table) const {
+  const double period = loop_.period_s;
+  const auto record = [&](double t) {
+    const auto p = pressures(t, state.data());
+    append_circulation_row(
+        *table, t, state.data(), p.data(),
+        valve_flows<double>(loop_.circulation, p.data(), state[p_AR_SYS], state[p_AR_PUL]));
+  };
+  // Where to stop: break points of the activation (restart there), sample times, the end.
+  std::set<double> stops(breaks_.begin(), breaks_.end());
+  std::set<double> samples;
+  if (table) {
+    const auto n = static_cast<long>(std::floor(period / sample_s * (1 + 1e-12)));
+    for (long k = 0; k <= n; ++k) {
+      double t = std::min(period, static_cast<double>(k) * sample_s);
+      for (double stop : breaks_)
+        if (std::abs(stop - t) < 1e-9 * period) t = stop;
+      samples.insert(t);
+    }
+    if (period - *samples.rbegin() < 1e-9 * period && *samples.rbegin() < period)
+      samples.erase(std::prev(samples.end()));
+    samples.insert(period);
+    stops.insert(samples.begin(), samples.end());
+    record(0);
+  }
+  stops.insert(period);
+  stops.erase(0.0);
+
+  if (integrator_.name == "cvode") {
+    OdeSystem system;
+    system.size = n_circulation_states;
+    system.derivative = [this](double t, const double* y, double* dy) { loop_rates<double>(loop_, t, y, dy); };
+    system.jacobian = [this](double t, const double* y, double* jacobian) {
+      Jet yd[n_circulation_states], dy[n_circulation_states];
+      for (int k = 0; k < n_circulation_states; ++k) yd[k] = Jet::variable(y[k], k);
+      loop_rates<Jet>(loop_, t, yd, dy);
+      for (int column = 0; column < n_circulation_states; ++column)
+        for (int row = 0; row < n_circulation_states; ++row)
+          jacobian[row + n_circulation_states * column] = dy[row].derivative[column];
+    };
+    Cvode solver(system, {integrator_.relative_tolerance,
+                          std::vector<double>(n_circulation_states, integrator_.absolute_tolerance)});
+    std::vector<double> y(state.begin(), state.end());
+    solver.restart(0, y);
+    for (double stop : stops) {
+      y = solver.advance(stop);
+      std::copy(y.begin(), y.end(), state.begin());
+      check_state(state.data(), stop);
+      if (table && samples.count(stop)) record(stop);
+      if (stop < period && std::binary_search(breaks_.begin(), breaks_.end(), stop)) solver.restart(stop, y);
+    }
+    return;
+  }
+
+  double t = 0;
+  CirculationValues k1, k2, k3, k4, y;
+  for (double stop : stops) {
+    const auto n = static_cast<long>(std::ceil((stop - t) / integrator_.dt_s * (1 - 1e-12)));
+    const double h = (stop - t) / static_cast<double>(n);
+    for (long step = 0; step < n; ++step) {
+      const double now = t + static_cast<double>(step) * h;
+      loop_rates<double>(loop_, now, state.data(), k1.data());
+      if (integrator_.name == "forward-euler") {
+        for (int i = 0; i < n_circulation_states; ++i) state[i] += h * k1[i];
+        continue;
+      }
+      for (int i = 0; i < n_circulation_states; ++i) y[i] = state[i] + 0.5 * h * k1[i];
+      loop_rates<double>(loop_, now + 0.5 * h, y.data(), k2.data());
+      for (int i = 0; i < n_circulation_states; ++i) y[i] = state[i] + 0.5 * h * k2[i];
+      loop_rates<double>(loop_, now + 0.5 * h, y.data(), k3.data());
+      for (int i = 0; i < n_circulation_states; ++i) y[i] = state[i] + h * k3[i];
+      loop_rates<double>(loop_, now + h, y.data(), k4.data());
+      for (int i = 0; i < n_circulation_states; ++i)
+        state[i] += h / 6 * (k1[i] + 2 * k2[i] + 2 * k3[i] + k4[i]);
+    }
+    t = stop;
+    check_state(state.data(), t);
+    if (table && samples.count(stop)) record(stop);
+  }
+}
+
+LimitCycleCertificate LoopSolver::to_limit_cycle(
+    CirculationValues& state, LimitCycleSettings settings,
+    const std::function<void(const LimitCycleCertificate&)>& after_beat) const {
+  if (integrator_.name == "cvode") settings.map_noise = integrator_.relative_tolerance;
+  const double volume = total_volume(loop_.circulation, state.data());
+  LimitCycleSearch search(settings, circulation_scales());
+  while (search.running()) {
+    CirculationValues image = state;
+    std::vector<double> proposal;
+    try {
+      beat(image);
+      proposal = search.next({state.begin(), state.end()}, {image.begin(), image.end()});
+    } catch (const NumericalFailure&) {
+      bool recovered = false;
+      proposal = search.after_failure(recovered);
+      if (!recovered) throw;
+    }
+    std::copy(proposal.begin(), proposal.end(), state.begin());
+    hold_total_volume(loop_.circulation, state.data(), volume);
+    if (after_beat) after_beat(search.certificate());
+  }
+  return search.certificate();
+}
+
+}  // namespace wiggers

@@ -1,0 +1,87 @@
+// The closed loop with four elastance chambers: parameter sets, the file that describes one, and its solution.
+#pragma once
+
+#include <array>
+#include <functional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <wiggers/circulation/circulation.hpp>
+#include <wiggers/circulation/elastance.hpp>
+#include <wiggers/core/limit_cycle.hpp>
+#include <wiggers/core/settings.hpp>
+#include <wiggers/core/table.hpp>
+
+namespace wiggers {
+
+struct Loop {
+  double period_s = 0.8;
+  CirculationParameters circulation;
+  std::array<ElastanceParameters, n_chambers> elastance;  // LA, LV, RA, RV
+  CirculationValues initial{};
+};
+inline constexpr Quantity period_quantity = {"period_s", "s", 0.8, 0.05, 20, "duration of a heart beat"};
+inline constexpr Quantity total_volume_quantity = {
+    "total_volume", "mL", 2850, 1, 1e6, "stressed blood volume; fixes the initial systemic venous pressure"};
+
+// Named sets with their sources. A set without elastances (the whole-heart paper's) leaves chambers to others.
+struct CirculationSet {
+  std::string_view name;
+  std::string_view source;
+  Loop loop;
+  bool has_elastances = true;  // elastances and initial state
+};
+std::span<const CirculationSet> circulation_sets();
+const CirculationSet& find_circulation_set(std::string_view name);
+std::vector<std::string> circulation_set_names(bool with_elastances);
+
+// Reads valves, circuits (shared by loop files and scenes): tables, or names of sets standing for a table.
+void read_circulation(SettingsReader& reader, CirculationParameters& parameters);
+// One chamber's elastance table.
+ElastanceParameters read_elastance(SettingsReader& table, const ElastanceParameters& defaults);
+// The initial state: twelve values by name; total_volume may stand for p_VEN_SYS.
+CirculationValues read_initial(SettingsReader& table, const CirculationParameters& parameters,
+                               const CirculationValues& defaults);
+// A whole loop file. Keys absent take the values of the set `parameters` (default: wiggers-healthy-0d).
+Loop read_loop(SettingsReader& reader);
+
+struct LoopIntegrator {
+  std::string name = "cvode";  // cvode | forward-euler | runge-kutta-4
+  double relative_tolerance = 1e-9;
+  double absolute_tolerance = 1e-9;  // mmHg, mL, mL/s
+  double dt_s = 1e-3;                // fixed steps
+};
+inline constexpr std::array<std::string_view, 3> loop_integrators = {"cvode", "forward-euler", "runge-kutta-4"};
+
+class LoopSolver {
+ public:
+  LoopSolver(Loop loop, LoopIntegrator integrator);
+
+  const Loop& loop() const { return loop_; }
+
+  // Advances the state by one period; appends rows at multiples of sample_s and at the end if a table is given.
+  void beat(CirculationValues& state, double sample_s = 0, Table* table = nullptr) const;
+
+  // To the limit cycle on the leaf of the initial total volume.
+  LimitCycleCertificate to_limit_cycle(CirculationValues& state, LimitCycleSettings settings,
+                                       const std::function<void(const LimitCycleCertificate&)>& after_beat = {}) const;
+
+  std::array<double, n_chambers> pressures(double t, const double* y) const;
+
+ private:
+  Loop loop_;
+  LoopIntegrator integrator_;
+  std::vector<double> breaks_;  // activation break points within the period
+};
+
+// Columns t_s, the twelve states, four chamber pressures, four valve flows.
+Table circulation_table();
+void append_circulation_row(Table& table, double t, const double* y, const double* p,
+                            const std::array<double, n_valves>& Q);
+
+// Scales of the distance to a limit cycle: 100 mL, 10 mmHg, 100 mL/s.
+std::vector<double> circulation_scales();
+
+}  // namespace wiggers

@@ -1,0 +1,180 @@
+#include <wiggers/core/cvode.hpp>
+
+#include <cmath>
+#include <cstring>
+#include <exception>
+
+#include <cvode/cvode.h>
+#include <fmt/format.h>
+#include <nvector/nvector_serial.h>
+#include <sundials/sundials_context.h>
+#include <sunlinsol/sunlinsol_dense.h>
+#include <sunmatrix/sunmatrix_dense.h>
+
+#include <wiggers/core/errors.hpp>
+
+namespace wiggers {
+
+namespace {
+
+
+std::string reason(int code) {
+  switch (code) {
+    case CV_TOO_MUCH_WORK: return "too many internal steps";
+    case CV_TOO_MUCH_ACC: return "the tolerance is below what double precision can deliver";
+    case CV_ERR_FAILURE: return "error test failed repeatedly";
+    case CV_CONV_FAILURE: return "Newton iteration failed repeatedly";
+    case CV_RHSFUNC_FAIL:
+    case CV_UNREC_RHSFUNC_ERR: return "the right-hand side could not be evaluated";
+    case CV_FIRST_RHSFUNC_ERR:
+    case CV_REPTD_RHSFUNC_ERR: return "the right-hand side stays non-finite";
+    case CV_LSETUP_FAIL:
+    case CV_LSOLVE_FAIL: return "the linear solve failed";
+    case CV_TOO_CLOSE: return "the interval is too short to step over";
+    default: break;
+  }
+  char* name = CVodeGetReturnFlagName(code);
+  std::string text = name ? name : "unknown";
+  std::free(name);
+  return text;
+}
+
+}  // namespace
+
+struct Cvode::Implementation {
+  OdeSystem system;
+  OdeTolerances tolerances;
+  std::vector<double> state;
+  SUNContext context = nullptr;
+  N_Vector y = nullptr;
+  N_Vector absolute = nullptr;
+  SUNMatrix matrix = nullptr;
+  SUNLinearSolver linear_solver = nullptr;
+  void* memory = nullptr;
+  bool started = false;
+  double t = 0;
+  double start_time = 0;
+  std::exception_ptr thrown;  // an exception may not pass through the C library; it is carried round it
+  OdeCounts before_restart;
+
+  ~Implementation() {
+    if (memory) CVodeFree(&memory);
+    if (linear_solver) SUNLinSolFree(linear_solver);
+    if (matrix) SUNMatDestroy(matrix);
+    if (y) N_VDestroy(y);
+    if (absolute) N_VDestroy(absolute);
+    if (context) SUNContext_Free(&context);
+  }
+
+  void check(int code, const char* call) {
+    if (code >= 0) return;
+    if (thrown) {
+      std::exception_ptr carried = thrown;
+      thrown = nullptr;
+      std::rethrow_exception(carried);
+    }
+    throw NumericalFailure(fmt::format(
+        "time integration failed at t = {}: {} ({}). Try a looser relative tolerance (now {}) or check the "
+        "inputs near that time.",
+        t, reason(code), call, tolerances.relative));
+  }
+  template <class Pointer>
+  Pointer* check_pointer(Pointer* pointer, const char* call) {
+    if (!pointer) throw ResourceError(fmt::format("{}: out of memory", call));
+    return pointer;
+  }
+
+  static int derivative(double t, N_Vector y, N_Vector dy, void* user) {
+    auto* self = static_cast<Implementation*>(user);
+    try {
+      double* out = N_VGetArrayPointer(dy);
+      self->system.derivative(t, N_VGetArrayPointer(y), out);
+      for (std::size_t i = 0; i < self->system.size; ++i)
+        if (!std::isfinite(out[i])) return 1;  // recoverable: the step is cut
+      return 0;
+    } catch (...) {
+      self->thrown = std::current_exception();
+      return -1;
+    }
+  }
+  static int jacobian(double t, N_Vector y, N_Vector, SUNMatrix matrix, void* user, N_Vector, N_Vector,
+                      N_Vector) {
+    auto* self = static_cast<Implementation*>(user);
+    try {
+      self->system.jacobian(t, N_VGetArrayPointer(y), SUNDenseMatrix_Data(matrix));
+      return 0;
+    } catch (...) {
+      self->thrown = std::current_exception();
+      return -1;
+    }
+  }
+  static void silent(int, const char*, const char*, char*, void*) {}  // errors are reported by check()
+};
+
+Cvode::Cvode(OdeSystem system, OdeTolerances tolerances)
+    : implementation_(std::make_unique<Implementation>()) {
+  Implementation& m = *implementation_;
+  m.system = std::move(system);
+  m.tolerances = std::move(tolerances);
+  const auto n = static_cast<sunindextype>(m.system.size);
+  m.state.assign(m.system.size, 0.0);
+  if (SUNContext_Create(nullptr, &m.context) < 0) throw ResourceError("SUNContext_Create: out of memory");
+  m.y = m.check_pointer(N_VMake_Serial(n, m.state.data(), m.context), "N_VMake_Serial");
+  m.absolute = m.check_pointer(N_VNew_Serial(n, m.context), "N_VNew_Serial");
+  std::memcpy(N_VGetArrayPointer(m.absolute), m.tolerances.absolute.data(), m.system.size * sizeof(double));
+  m.memory = m.check_pointer(CVodeCreate(CV_BDF, m.context), "CVodeCreate");
+  m.matrix = m.check_pointer(SUNDenseMatrix(n, n, m.context), "SUNDenseMatrix");
+  m.linear_solver = m.check_pointer(SUNLinSol_Dense(m.y, m.matrix, m.context), "SUNLinSol_Dense");
+  m.check(CVodeSetErrHandlerFn(m.memory, Implementation::silent, nullptr), "CVodeSetErrHandlerFn");
+}
+
+Cvode::~Cvode() = default;
+
+void Cvode::restart(double t, const std::vector<double>& y) {
+  Implementation& m = *implementation_;
+  m.state = y;
+  N_VSetArrayPointer(m.state.data(), m.y);
+  m.t = m.start_time = t;
+  if (!m.started) {
+    m.check(CVodeInit(m.memory, Implementation::derivative, t, m.y), "CVodeInit");
+    m.check(CVodeSVtolerances(m.memory, m.tolerances.relative, m.absolute), "CVodeSVtolerances");
+    m.check(CVodeSetUserData(m.memory, &m), "CVodeSetUserData");
+    m.check(CVodeSetLinearSolver(m.memory, m.linear_solver, m.matrix), "CVodeSetLinearSolver");
+    if (m.system.jacobian) m.check(CVodeSetJacFn(m.memory, Implementation::jacobian), "CVodeSetJacFn");
+    m.check(CVodeSetMaxNumSteps(m.memory, 2000000), "CVodeSetMaxNumSteps");
+    m.started = true;
+  } else {
+    m.before_restart = counts();
+    m.check(CVodeReInit(m.memory, t, m.y), "CVodeReInit");
+  }
+}
+
+const std::vector<double>& Cvode::advance(double t_end) {
+  Implementation& m = *implementation_;
+  if (t_end <= m.t) return m.state;
+  m.check(CVodeSetStopTime(m.memory, t_end), "CVodeSetStopTime");
+  double reached = m.t;
+  const int code = CVode(m.memory, t_end, m.y, &reached, CV_NORMAL);
+  m.t = reached;
+  m.check(code, "CVode");
+  m.t = t_end;
+  return m.state;
+}
+
+void Cvode::set_largest_step(double h) {
+  implementation_->check(CVodeSetMaxStep(implementation_->memory, h), "CVodeSetMaxStep");
+}
+
+OdeCounts Cvode::counts() const {
+  const Implementation& m = *implementation_;
+  OdeCounts c = m.before_restart;
+  if (!m.started) return c;
+  long value = 0;
+  if (CVodeGetNumSteps(m.memory, &value) >= 0) c.steps += value;
+  if (CVodeGetNumRhsEvals(m.memory, &value) >= 0) c.evaluations += value;
+  if (CVodeGetNumJacEvals(m.memory, &value) >= 0) c.jacobians += value;
+  if (CVodeGetNumErrTestFails(m.memory, &value) >= 0) c.error_test_failures += value;
+  return c;
+}
+
+}  // namespace wiggers

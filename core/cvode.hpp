@@ -1,0 +1,57 @@
+// CVODE (SUNDIALS), wrapped: variable-order BDF with Newton and a dense Jacobian, every return code checked.
+//
+// Failures throw NumericalFailure with the time reached, the reason in words and what to try. The step limit
+// of the library (500 internal steps a call) is lifted: it is a trap for long beats.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace wiggers {
+
+struct OdeSystem {
+  std::size_t size = 0;
+  // derivative(t, y, dy)
+  std::function<void(double, const double*, double*)> derivative;
+  // jacobian(t, y, J): J[row + size * column] = d(dy_row)/d(y_column); empty: difference quotients.
+  std::function<void(double, const double*, double*)> jacobian;
+};
+
+struct OdeTolerances {
+  double relative = 1e-8;
+  std::vector<double> absolute;  // one per component
+};
+
+struct OdeCounts {
+  long steps = 0;
+  long evaluations = 0;
+  long jacobians = 0;
+  long error_test_failures = 0;
+};
+
+class Cvode {
+ public:
+  Cvode(OdeSystem system, OdeTolerances tolerances);
+  ~Cvode();
+  Cvode(const Cvode&) = delete;
+  Cvode& operator=(const Cvode&) = delete;
+
+  // Starts afresh at (t, y): at the beginning, and after every jump of the right-hand side.
+  void restart(double t, const std::vector<double>& y);
+
+  // Advances exactly to t_end (the right-hand side is never evaluated beyond it); returns the state there.
+  const std::vector<double>& advance(double t_end);
+
+  // Largest internal step (0: no limit).
+  void set_largest_step(double h);
+
+  OdeCounts counts() const;
+
+ private:
+  struct Implementation;
+  std::unique_ptr<Implementation> implementation_;
+};
+
+}  // namespace wiggers

@@ -1,0 +1,115 @@
+#include <wiggers/core/errors.hpp>
+
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace wiggers {
+
+namespace {
+
+std::string lower_case(std::string_view text) {
+  std::string result(text);
+  for (char& c : result) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return result;
+}
+
+// Levenshtein distance, one row at a time.
+std::size_t edit_distance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  for (std::size_t k = 0; k <= b.size(); ++k) row[k] = k;
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    std::size_t diagonal = row[0];
+    row[0] = i;
+    for (std::size_t k = 1; k <= b.size(); ++k) {
+      const std::size_t above = row[k];
+      row[k] = std::min({row[k] + 1, row[k - 1] + 1, diagonal + (a[i - 1] == b[k - 1] ? 0 : 1)});
+      diagonal = above;
+    }
+  }
+  return row[b.size()];
+}
+
+}  // namespace
+
+std::string nearest_name(std::string_view name, std::span<const std::string> candidates) {
+  const std::string wanted = lower_case(name);
+  std::string best;
+  std::size_t best_distance = std::max<std::size_t>(2, (name.size() + 1) / 2) + 1;
+  for (const std::string& candidate : candidates) {
+    const std::string present = lower_case(candidate);
+    std::size_t distance = edit_distance(wanted, present);
+    // A key without its unit ("activation" for "activation_ms") is as near as one slip of a key.
+    if (wanted.size() > 2 && present.starts_with(wanted)) distance = std::min<std::size_t>(distance, 1);
+    if (distance < best_distance) {
+      best_distance = distance;
+      best = candidate;
+    }
+  }
+  return best;
+}
+
+void refuse_unknown(std::string_view kind, std::string_view name, std::span<const std::string> candidates) {
+  std::string message = fmt::format("unknown {} '{}'", kind, name);
+  const std::string nearest = nearest_name(name, candidates);
+  if (!nearest.empty()) message += fmt::format("; did you mean '{}'?", nearest);
+  if (!candidates.empty() && candidates.size() <= 40)
+    message += fmt::format("{} Known: {}.", nearest.empty() ? "." : "", fmt::join(candidates, ", "));
+  throw InputError(message);
+}
+
+void check_range(const Quantity& quantity, double value, std::string_view where) {
+  if (std::isfinite(value) && value >= quantity.lower && value <= quantity.upper) return;
+  const std::string_view unit = quantity.unit == "1" ? "" : quantity.unit;
+  const std::string_view space = unit.empty() ? "" : " ";
+  throw InputError(fmt::format("{}: {} = {}{}{} is outside its range {} to {}{}{} ({})", where, quantity.name,
+                               to_text(value), space, unit, to_text(quantity.lower), to_text(quantity.upper),
+                               space, unit, quantity.meaning));
+}
+
+std::vector<std::string> names_of(std::span<const Quantity> quantities) {
+  std::vector<std::string> names;
+  names.reserve(quantities.size());
+  for (const Quantity& q : quantities) names.emplace_back(q.name);
+  return names;
+}
+
+std::size_t require_index(std::span<const Quantity> quantities, std::string_view kind,
+                          std::string_view name) {
+  for (std::size_t i = 0; i < quantities.size(); ++i)
+    if (quantities[i].name == name) return i;
+  refuse_unknown(kind, name, names_of(quantities));
+}
+
+double parse_number(std::string_view text, std::string_view where) {
+  std::string_view trimmed = text;
+  while (!trimmed.empty() && std::isspace(static_cast<unsigned char>(trimmed.front())))
+    trimmed.remove_prefix(1);
+  while (!trimmed.empty() && std::isspace(static_cast<unsigned char>(trimmed.back())))
+    trimmed.remove_suffix(1);
+  if (trimmed.starts_with('+')) trimmed.remove_prefix(1);
+  double value = 0;
+  const auto [end, code] = std::from_chars(trimmed.data(), trimmed.data() + trimmed.size(), value);
+  if (code == std::errc::result_out_of_range) {
+    // Denormal or overflowing text: strtod rounds it to the nearest representable value.
+    value = std::strtod(std::string(trimmed).c_str(), nullptr);
+  } else if (code != std::errc() || end != trimmed.data() + trimmed.size() || trimmed.empty()) {
+    throw InputError(fmt::format("{}: '{}' is not a number", where, text));
+  }
+  return value;
+}
+
+std::pair<std::string, double> parse_assignment(std::string_view text, std::string_view option) {
+  const std::size_t equals = text.find('=');
+  if (equals == std::string_view::npos || equals == 0)
+    throw InputError(fmt::format("{}: expected name=value, got '{}'", option, text));
+  std::string name(text.substr(0, equals));
+  return {name, parse_number(text.substr(equals + 1), fmt::format("{} {}", option, name))};
+}
+
+std::string to_text(double value) { return fmt::format("{}", value); }
+
+}  // namespace wiggers

@@ -1,0 +1,57 @@
+// Errors for people. Three kinds, one meaning each:
+//   InputError        the user asked for something impossible; refused before any work (exit status 2)
+//   NumericalFailure  a computation broke down; says what, where, and what to try (exit status 1)
+//   ResourceError     the machine refused: a file cannot be read or written, the disk is full (exit status 1)
+// Programmer errors are assertions.
+#pragma once
+
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <wiggers/core/quantity.hpp>
+
+namespace wiggers {
+
+struct InputError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+struct NumericalFailure : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+struct ResourceError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+// The user pressed Ctrl-C (or the process was asked to end); the last good state has been saved.
+struct Interrupted : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+// The candidate with the smallest edit distance to `name` (case-insensitive); empty if none is close.
+std::string nearest_name(std::string_view name, std::span<const std::string> candidates);
+
+// "unknown parameter 'g_na'; did you mean 'g_Na'? Known: ..."
+[[noreturn]] void refuse_unknown(std::string_view kind, std::string_view name,
+                                 std::span<const std::string> candidates);
+
+// Throws InputError unless value is finite and inside the quantity's range. `where` names file or option.
+void check_range(const Quantity& quantity, double value, std::string_view where);
+
+// Names of a list of quantities, as strings.
+std::vector<std::string> names_of(std::span<const Quantity> quantities);
+
+// Position of `name`; refuses an unknown one with the nearest valid name.
+std::size_t require_index(std::span<const Quantity> quantities, std::string_view kind, std::string_view name);
+
+// "name=value": splits, and refuses a value that is not a number, with the option's name.
+std::pair<std::string, double> parse_assignment(std::string_view text, std::string_view option);
+
+// Parses a whole string as a finite or infinite number; refuses anything else, naming `where`.
+double parse_number(std::string_view text, std::string_view where);
+
+// Shortest text that reads back as the same double.
+std::string to_text(double value);
+
+}  // namespace wiggers

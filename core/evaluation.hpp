@@ -1,0 +1,34 @@
+// What one evaluation of a model gives, and what follows from it without the model's help.
+//
+// A model is a type with constexpr fact sheets (states, parameters, inputs, observables), a list of which
+// states are gates, and
+//     template <class T, class P> static Evaluation<T, n, m> evaluate(y, inputs, derived constants)
+// For a gate it sets (steady, tau); for every other state the derivative. Gates obey
+//     dg/dt = (steady - g) / tau,
+// with steady and tau independent of g: what Rush-Larsen and the implicit gate updates need.
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+namespace wiggers {
+
+template <class T, std::size_t n_states, std::size_t n_observables>
+struct Evaluation {
+  std::array<T, n_states> derivative;  // of states that are no gates
+  std::array<T, n_states> steady;      // of gates
+  std::array<T, n_states> tau;         // of gates
+  std::array<T, n_observables> observable;
+};
+
+template <class Model, class T>
+using EvaluationOf = Evaluation<T, Model::states.size(), Model::observables.size()>;
+
+// Derivatives of all states, gates included.
+template <class Model, class T>
+inline void rates_from(const EvaluationOf<Model, T>& e, const T* y, T* rates) {
+  for (std::size_t i = 0; i < Model::states.size(); ++i)
+    rates[i] = Model::is_gate[i] ? (e.steady[i] - y[i]) / e.tau[i] : e.derivative[i];
+}
+
+}  // namespace wiggers

@@ -1,0 +1,90 @@
+#include <wiggers/core/files.hpp>
+
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <sstream>
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <fmt/format.h>
+
+#include <wiggers/core/errors.hpp>
+
+namespace wiggers {
+
+namespace fs = std::filesystem;
+
+namespace {
+fs::path folder_of(const fs::path& path) { return path.has_parent_path() ? path.parent_path() : fs::path("."); }
+
+// Devices and pipes (/dev/stdout) cannot be renamed into place; they are written through.
+bool is_special(const fs::path& path) {
+  std::error_code ignored;
+  const auto status = fs::status(path, ignored);
+  return fs::exists(status) && !fs::is_regular_file(status) && !fs::is_directory(status);
+}
+}  // namespace
+
+void write_file_atomically(const fs::path& path, std::string_view bytes) {
+  const bool special = is_special(path);
+  const fs::path target = special ? path : fs::path(fmt::format("{}.{}.partial", path.string(), getpid()));
+  const auto fail = [&](std::string_view what) {
+    const int code = errno;
+    if (!special) ::unlink(target.c_str());
+    throw ResourceError(fmt::format("cannot {} '{}': {}. {}", what, path.string(), std::strerror(code),
+                                    code == ENOSPC || code == EFBIG || code == EDQUOT
+                                        ? "Free some space; an earlier complete file was kept."
+                                        : "An earlier complete file was kept."));
+  };
+  const int file =
+      special ? ::open(target.c_str(), O_WRONLY) : ::open(target.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
+  if (file < 0) fail("create");
+  std::size_t written = 0;
+  while (written < bytes.size()) {
+    const ssize_t n = ::write(file, bytes.data() + written, bytes.size() - written);
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) {
+      const int code = errno;
+      ::close(file);
+      errno = code;
+      fail("write");
+    }
+    written += static_cast<std::size_t>(n);
+  }
+  if (!special && ::fsync(file) != 0) {
+    const int code = errno;
+    ::close(file);
+    errno = code;
+    fail("flush");
+  }
+  if (::close(file) != 0) fail("close");
+  if (!special && ::rename(target.c_str(), path.c_str()) != 0) fail("replace");
+}
+
+void require_writable(const fs::path& path, std::string_view option) {
+  if (is_special(path)) return;
+  const fs::path folder = folder_of(path);
+  std::error_code ignored;
+  if (fs::is_directory(path, ignored))
+    throw InputError(fmt::format("{}: '{}' is a folder; name a file", option, path.string()));
+  if (!fs::is_directory(folder, ignored))
+    throw InputError(fmt::format("{}: there is no folder '{}'", option, folder.string()));
+  if (::access(folder.c_str(), W_OK | X_OK) != 0)
+    throw InputError(fmt::format("{}: the folder '{}' is not writable: {}", option, folder.string(),
+                                 std::strerror(errno)));
+}
+
+std::string read_file(const fs::path& path) {
+  std::error_code ignored;
+  if (fs::is_directory(path, ignored))
+    throw InputError(fmt::format("'{}' is a folder; name a file", path.string()));
+  std::ifstream file(path, std::ios::binary);
+  if (!file) throw InputError(fmt::format("cannot read '{}': {}", path.string(), std::strerror(errno)));
+  std::ostringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+}  // namespace wiggers

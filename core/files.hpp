@@ -1,0 +1,20 @@
+// Files that are either whole or not there.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <string_view>
+
+namespace wiggers {
+
+// Writes the bytes to a neighbour of `path`, flushes them to the disk and renames it into place: after a kill
+// at any moment, or on a full disk, `path` holds either its previous content or the new one, whole.
+// Throws ResourceError (and removes the neighbour) if anything fails.
+void write_file_atomically(const std::filesystem::path& path, std::string_view bytes);
+
+// Refuses, before any work, a path that could not be written later (missing folder, no permission, a folder).
+void require_writable(const std::filesystem::path& path, std::string_view option);
+
+std::string read_file(const std::filesystem::path& path);
+
+}  // namespace wiggers

@@ -1,0 +1,226 @@
+#include <wiggers/core/limit_cycle.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"  // false positive inside Eigen 3.4 with GCC 12
+#endif
+#include <Eigen/Dense>
+
+#include <wiggers/core/errors.hpp>
+
+namespace wiggers {
+
+namespace {
+
+double max_abs(const std::vector<double>& v) {
+  double largest = 0;
+  for (double entry : v) largest = std::max(largest, std::abs(entry));
+  return largest;
+}
+
+}  // namespace
+
+std::string to_string(LimitCycleVerdict verdict) {
+  switch (verdict) {
+    case LimitCycleVerdict::running: return "running";
+    case LimitCycleVerdict::period_1: return "period-1";
+    case LimitCycleVerdict::period_2: return "period-2";
+    case LimitCycleVerdict::not_converged: return "not-converged";
+  }
+  return "not-converged";
+}
+
+LimitCycleSearch::LimitCycleSearch(LimitCycleSettings settings, std::vector<double> scales,
+                                   std::vector<bool> positive)
+    : settings_(settings),
+      scales_(std::move(scales)),
+      positive_(std::move(positive)),
+      plain_left_(settings.plain_beats) {}
+
+std::vector<double> LimitCycleSearch::unscaled(const std::vector<double>& x, const std::vector<double>& f) const {
+  std::vector<double> result(x.size());
+  for (std::size_t i = 0; i < x.size(); ++i) result[i] = (x[i] + f[i]) * scales_[i];
+  return result;
+}
+
+std::vector<double> LimitCycleSearch::next(const std::vector<double>& x, const std::vector<double>& image) {
+  const std::size_t n = x.size();
+  Pair now{std::vector<double>(n), std::vector<double>(n)};
+  for (std::size_t i = 0; i < n; ++i) {
+    now.x[i] = x[i] / scales_[i];
+    now.f[i] = (image[i] - x[i]) / scales_[i];
+    if (!std::isfinite(now.f[i]))
+      throw NumericalFailure("the beat map returned a value that is not finite; the last start was kept");
+  }
+  ++certificate_.beats;
+  const double residual = max_abs(now.f);
+  certificate_.residual = residual;
+  const bool lost = accelerated_ && residual > 10 * best_residual_;
+  if (best_.x.empty() || residual < best_residual_) {
+    best_ = now;
+    best_residual_ = residual;
+  }
+  if (plain_left_ > 0) --plain_left_;
+  if (plain_left_ == 0 || settings_.method == LimitCycleMethod::pacing) history_.push_back(now);
+  if (static_cast<int>(history_.size()) > settings_.depth + 1) history_.erase(history_.begin());
+
+  // Least-squares model of P from the differences of the remembered beats.
+  const int m = static_cast<int>(history_.size()) - 1;
+  double step_to_fixed_point = residual;
+  std::vector<double> correction;
+  if (m >= 1) {
+    Eigen::MatrixXd dx(n, m), df(n, m);
+    for (int k = 0; k < m; ++k) {
+      double length = 0;
+      for (std::size_t i = 0; i < n; ++i) {
+        dx(i, k) = history_[k + 1].x[i] - history_[k].x[i];
+        df(i, k) = history_[k + 1].f[i] - history_[k].f[i];
+        length += df(i, k) * df(i, k);
+      }
+      // Columns of one length: the latest, smallest differences count as much as the first.
+      if (length > 0) {
+        dx.col(k) /= std::sqrt(length);
+        df.col(k) /= std::sqrt(length);
+      }
+    }
+    const Eigen::Map<const Eigen::VectorXd> f(now.f.data(), static_cast<Eigen::Index>(n));
+    const Eigen::JacobiSVD<Eigen::MatrixXd> svd(df, Eigen::ComputeThinU | Eigen::ComputeThinV);
+    const auto& sigma = svd.singularValues();
+    Eigen::VectorXd gamma = Eigen::VectorXd::Zero(m);
+    for (int k = 0; k < sigma.size(); ++k)
+      if (sigma(k) > 1e-7 * sigma(0) && sigma(k) > 0)
+        gamma += svd.matrixV().col(k) * (svd.matrixU().col(k).dot(f) / sigma(k));
+    const Eigen::VectorXd step = f - (dx + df) * gamma;
+    if (step.allFinite()) {
+      correction.assign(step.data(), step.data() + n);
+      step_to_fixed_point = max_abs(correction);
+    }
+    // Leading multiplier: eigenvalues of P's model in the span of dx, P'(dx) = dx + df.
+    const Eigen::JacobiSVD<Eigen::MatrixXd> span(dx, Eigen::ComputeThinU | Eigen::ComputeThinV);
+    const auto& lengths = span.singularValues();
+    int rank = 0;
+    while (rank < lengths.size() && lengths(rank) > 1e-7 * lengths(0)) ++rank;
+    if (rank > 0) {
+      const Eigen::MatrixXd u = span.matrixU().leftCols(rank);
+      const Eigen::MatrixXd v = span.matrixV().leftCols(rank);
+      const Eigen::MatrixXd reduced =
+          u.transpose() * (dx + df) * v * lengths.head(rank).cwiseInverse().asDiagonal();
+      if (reduced.allFinite()) {
+        const auto eigenvalues = Eigen::EigenSolver<Eigen::MatrixXd>(reduced, false).eigenvalues();
+        double multiplier = 0;
+        for (int k = 0; k < eigenvalues.size(); ++k)
+          if (std::abs(eigenvalues(k)) < 1.0) multiplier = std::max(multiplier, std::abs(eigenvalues(k)));
+        certificate_.multiplier = multiplier;
+      }
+    }
+  }
+  judge(step_to_fixed_point);
+  if (!running() || settings_.method == LimitCycleMethod::pacing) {
+    accelerated_ = false;
+    return image;
+  }
+  if (lost) {
+    accelerated_ = false;
+    return unscaled(best_.x, best_.f);
+  }
+  accelerated_ = plain_left_ == 0 && !correction.empty();
+  if (!accelerated_) return image;
+  double share = 1;
+  for (std::size_t i = 0; i < n && !positive_.empty(); ++i) {
+    if (!positive_[i] || now.x[i] <= 0) continue;
+    if (correction[i] > now.x[i]) share = std::min(share, now.x[i] / correction[i]);
+    if (correction[i] < -0.5 * now.x[i]) share = std::min(share, -0.5 * now.x[i] / correction[i]);
+  }
+  for (double& c : correction) c *= share;
+  return unscaled(now.x, correction);
+}
+
+std::vector<double> LimitCycleSearch::after_failure(bool& recovered) {
+  recovered = accelerated_ && !best_.x.empty() && certificate_.beats < settings_.max_beats;
+  if (!recovered) return {};
+  ++certificate_.beats;
+  accelerated_ = false;
+  return unscaled(best_.x, best_.f);
+}
+
+void LimitCycleSearch::judge(double step_to_fixed_point) {
+  LimitCycleCertificate& c = certificate_;
+  const double r = c.residual;
+  const double noise = 10 * settings_.map_noise;
+  // Two independent estimates of the distance: the change over 1 - lambda, and the model's own step.
+  c.distance = std::max(r / std::max(1e-6, 1 - c.multiplier), step_to_fixed_point);
+  if (c.beats >= 3 && (c.distance <= settings_.distance || r <= noise)) {
+    c.verdict = LimitCycleVerdict::period_1;
+    return;
+  }
+  if (c.beats < settings_.max_beats) return;
+  // Alternans: x and P(P(x)) agree although x and P(x) do not.
+  c.verdict = LimitCycleVerdict::not_converged;
+  if (history_.size() >= 3 && !accelerated_) {
+    const Pair& last = history_.back();
+    const Pair& before = history_[history_.size() - 2];
+    double two_beats = 0;
+    for (std::size_t i = 0; i < last.f.size(); ++i)
+      two_beats = std::max(two_beats, std::abs(last.f[i] + before.f[i]));
+    if (two_beats < 0.01 * r) c.verdict = LimitCycleVerdict::period_2;
+  }
+}
+
+namespace {
+void put(std::vector<double>& out, const std::vector<double>& values) {
+  out.push_back(static_cast<double>(values.size()));
+  out.insert(out.end(), values.begin(), values.end());
+}
+std::vector<double> take(const std::vector<double>& in, std::size_t& at) {
+  const auto size = static_cast<std::size_t>(in.at(at++));
+  std::vector<double> values(in.begin() + at, in.begin() + at + size);
+  at += size;
+  return values;
+}
+}  // namespace
+
+std::vector<double> LimitCycleSearch::save() const {
+  std::vector<double> out = {static_cast<double>(certificate_.verdict),
+                             certificate_.distance,
+                             certificate_.residual,
+                             certificate_.multiplier,
+                             static_cast<double>(certificate_.beats),
+                             best_residual_,
+                             accelerated_ ? 1.0 : 0.0,
+                             static_cast<double>(plain_left_),
+                             static_cast<double>(history_.size())};
+  for (const Pair& pair : history_) {
+    put(out, pair.x);
+    put(out, pair.f);
+  }
+  put(out, best_.x);
+  put(out, best_.f);
+  return out;
+}
+
+void LimitCycleSearch::restore(const std::vector<double>& saved) {
+  certificate_.verdict = static_cast<LimitCycleVerdict>(static_cast<int>(saved.at(0)));
+  certificate_.distance = saved.at(1);
+  certificate_.residual = saved.at(2);
+  certificate_.multiplier = saved.at(3);
+  certificate_.beats = static_cast<int>(saved.at(4));
+  best_residual_ = saved.at(5);
+  accelerated_ = saved.at(6) != 0;
+  plain_left_ = static_cast<int>(saved.at(7));
+  const auto n_pairs = static_cast<std::size_t>(saved.at(8));
+  std::size_t at = 9;
+  history_.clear();
+  for (std::size_t k = 0; k < n_pairs; ++k) {
+    Pair pair;
+    pair.x = take(saved, at);
+    pair.f = take(saved, at);
+    history_.push_back(std::move(pair));
+  }
+  best_.x = take(saved, at);
+  best_.f = take(saved, at);
+}
+
+}  // namespace wiggers

@@ -1,0 +1,66 @@
+// The number vocabulary that models are written in. Model equations use these functions, unqualified,
+// on a type T that may be double, Dual<N> (dual.hpp) or a SIMD batch (simd.hpp).
+//
+// Two habits make one text serve all three: branches are select(mask, a, b), and removable singularities
+// are library functions below.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+namespace wiggers {
+
+// Plain numbers.
+inline double select(bool mask, double if_true, double if_false) { return mask ? if_true : if_false; }
+inline double exp(double x) { return std::exp(x); }
+inline double expm1(double x) { return std::expm1(x); }
+inline double log(double x) { return std::log(x); }
+inline double sqrt(double x) { return std::sqrt(x); }
+inline double tanh(double x) { return std::tanh(x); }
+inline double atan(double x) { return std::atan(x); }
+inline double abs(double x) { return std::abs(x); }
+inline double cbrt(double x) { return std::cbrt(x); }
+inline double cos(double x) { return std::cos(x); }
+inline double pow(double x, double exponent) { return std::pow(x, exponent); }
+
+// The plain value under a number (identity here; the value part of a dual).
+inline double value_of(double x) { return x; }
+
+template <class T>
+inline T square(const T& x) {
+  return x * x;
+}
+template <class T>
+inline T cube(const T& x) {
+  return x * x * x;
+}
+
+// 1 / (1 + exp(-x)); safe for arguments of any size (the exponential saturates at +-700).
+template <class T>
+inline T logistic(const T& x) {
+  const T bounded = select(x < -700.0, T(-700.0), select(x > 700.0, T(700.0), x));
+  return 1.0 / (1.0 + exp(-bounded));
+}
+
+// x / (exp(x) - 1), and its limit 1 at x = 0. Relative error below 1e-15 near the singular point: the
+// series 1 - x/2 + x^2/12 is used for |x| < 1e-5, where its first dropped term is x^4/720 < 1e-22.
+template <class T>
+inline T x_over_expm1(const T& x) {
+  const auto near_zero = abs(x) < 1e-5;
+  const T safe = select(near_zero, T(1.0), x);
+  return select(near_zero, T(1.0 - 0.5 * x + x * x * (1.0 / 12.0)), T(safe / expm1(safe)));
+}
+
+// x / (1 - exp(-x)), and its limit 1 at x = 0.
+template <class T>
+inline T x_over_one_minus_exp(const T& x) {
+  return x_over_expm1(T(-x));
+}
+
+// (exp(x) - 1) / x, and its limit 1 at x = 0.
+template <class T>
+inline T expm1_over_x(const T& x) {
+  return 1.0 / x_over_expm1(x);
+}
+
+}  // namespace wiggers

@@ -1,0 +1,69 @@
+// Quantities: the one place where a number's name, unit, default, range and meaning stand.
+//
+// States, parameters, inputs and observables of every model, and every key of a scene, are constexpr
+// arrays of Quantity. Code, --help, error messages, docs, result files and Python read them from here.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <limits>
+#include <string_view>
+
+namespace wiggers {
+
+inline constexpr double unbounded = std::numeric_limits<double>::infinity();
+
+struct Quantity {
+  std::string_view name;
+  std::string_view unit;  // "1" for dimensionless
+  double default_value = 0;
+  double lower = -unbounded;  // admissible range, ends included
+  double upper = unbounded;
+  std::string_view meaning;
+};
+
+// True if every entry has a name (unique), a unit, a meaning and a default inside its range.
+// Used in static_assert beside each array: a fact sheet with a gap does not compile.
+template <std::size_t N>
+consteval bool well_formed(const std::array<Quantity, N>& quantities) {
+  for (std::size_t i = 0; i < N; ++i) {
+    const Quantity& q = quantities[i];
+    if (q.name.empty() || q.unit.empty() || q.meaning.empty()) return false;
+    if (!(q.lower <= q.default_value && q.default_value <= q.upper)) return false;
+    for (std::size_t k = 0; k < i; ++k)
+      if (quantities[k].name == q.name) return false;
+  }
+  return true;
+}
+
+// Position of a name; N if there is none.
+template <std::size_t N>
+constexpr std::size_t index_of(const std::array<Quantity, N>& quantities, std::string_view name) {
+  for (std::size_t i = 0; i < N; ++i)
+    if (quantities[i].name == name) return i;
+  return N;
+}
+
+// The default values, in order.
+template <std::size_t N>
+constexpr std::array<double, N> defaults_of(const std::array<Quantity, N>& quantities) {
+  std::array<double, N> values{};
+  for (std::size_t i = 0; i < N; ++i) values[i] = quantities[i].default_value;
+  return values;
+}
+
+// A named, sourced deviation from the defaults of a model's parameters.
+struct ParameterChange {
+  std::string_view name;
+  double value;
+};
+
+struct ParameterSet {
+  std::string_view name;
+  std::string_view source;   // paper and table, or who tuned it
+  std::string_view version;  // changes whenever a value does
+  const ParameterChange* changes = nullptr;
+  std::size_t n_changes = 0;
+};
+
+}  // namespace wiggers

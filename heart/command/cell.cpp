@@ -1,0 +1,230 @@
+#include <cmath>
+#include <memory>
+
+#include <fmt/core.h>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include <wiggers/cellmodels/pacing.hpp>
+#include <wiggers/core/errors.hpp>
+#include <wiggers/core/files.hpp>
+#include <wiggers/core/progress.hpp>
+#include <wiggers/core/result_file.hpp>
+#include <wiggers/core/table.hpp>
+
+#include "shared.hpp"
+#include "verbs.hpp"
+
+namespace wiggers::command {
+
+namespace {
+
+struct Options {
+  std::string model, parameters, integrator = "cvode", until, output, rhs, start, final_state;
+  std::vector<std::string> set;
+  double period_ms = 1000, dt_ms = 0.02, rtol = 1e-8, atol = 1e-10, sample_ms = 1, distance = 1e-6;
+  double stimulus = 0, duration_ms = 0, onset_ms = 0;
+  bool stimulus_given = false, duration_given = false;
+  int beats = 0, max_beats = 2000;
+  std::string method = "anderson";
+  bool quiet = false, json = false;
+};
+
+// Cross-check with another implementation: derivatives and observables at given states.
+void evaluate_rows(const CellModel& model, const std::vector<double>& parameters, const Options& o) {
+  if (o.output.empty()) throw InputError("--rhs needs -o FILE.csv for the derivatives");
+  require_writable(o.output, "-o");
+  const Table states = read_csv(o.rhs);
+  Table out;
+  out.add("case", "");
+  for (const Quantity& q : model.states)
+    out.add(fmt::format("d{}/dt", q.name),
+            q.unit == "1" ? fmt::format("1/{}", model.time_unit) : fmt::format("{}/{}", q.unit, model.time_unit));
+  for (const Quantity& q : model.observables) out.add(std::string(q.name), std::string(q.unit));
+  std::vector<double> y(model.states.size()), in(model.inputs.size()), rates(y.size()),
+      observables(model.observables.size());
+  const Column* cases = states.find("case");
+  for (std::size_t row = 0; row < states.n_rows(); ++row) {
+    for (std::size_t i = 0; i < y.size(); ++i) y[i] = states.at(model.states[i].name).values[row];
+    for (std::size_t i = 0; i < in.size(); ++i) {
+      const Column* column = states.find(model.inputs[i].name);
+      in[i] = column ? column->values[row] : model.inputs[i].default_value;
+    }
+    for (std::size_t i = 0; i < y.size(); ++i)
+      if (!std::isfinite(y[i]))
+        throw InputError(fmt::format("{}: row {}, state {} is not finite", o.rhs, row, model.states[i].name));
+    model.evaluate(y.data(), in.data(), parameters.data(), rates.data(), observables.data());
+    std::size_t c = 0;
+    out.columns[c++].values.push_back(cases ? cases->values[row] : static_cast<double>(row));
+    for (double rate : rates) out.columns[c++].values.push_back(rate);
+    for (double value : observables) out.columns[c++].values.push_back(value);
+  }
+  write_csv(o.output, out);
+  fmt::print("{}: {} rows, derivatives of {} states: {}\n", model.name, states.n_rows(), y.size(), o.output);
+}
+
+// The last row of a table of states by name.
+std::vector<double> read_state(const CellModel& model, const std::string& path) {
+  const Table table = read_csv(path);
+  std::vector<double> y;
+  for (const Quantity& q : model.states) {
+    const double value = table.at(q.name).values.back();
+    check_range(q, value, path);
+    y.push_back(value);
+  }
+  return y;
+}
+
+void write_table(const std::string& path, const Table& table, const std::string& model,
+                 const nlohmann::ordered_json& summary) {
+  if (path.ends_with(".h5")) {
+    ResultWriter file;
+    for (const Column& column : table.columns)
+      file.dataset("/cells/" + model + "/" + column.name, column.values, column.unit, column.meaning);
+    file.text("/summary", summary.dump());
+    file.write(path);
+  } else {
+    write_csv(path, table);
+  }
+}
+
+void pace(const CellModel& model, const std::vector<double>& parameters, const Options& o) {
+  if (!model.is_ionic())
+    throw InputError(fmt::format("{} is a force model: it is driven by calcium and length, see wiggers force", model.name));
+  const bool to_cycle = end_of_run(o.until, o.beats);
+  if (!o.output.empty()) require_writable(o.output, "-o");
+  if (!o.final_state.empty()) require_writable(o.final_state, "--final-state");
+  if (!(o.sample_ms >= 1e-3 && o.sample_ms <= o.period_ms))
+    throw InputError(fmt::format("--sample-ms {} is outside 0.001 to the period {} ms", o.sample_ms, o.period_ms));
+  StimulusPulse pulse = model.default_stimulus;
+  if (o.stimulus_given) pulse.amplitude_A_per_F = o.stimulus;
+  if (o.duration_given) pulse.duration_ms = o.duration_ms;
+  pulse.onset_ms = o.onset_ms;
+  PacedCell cell(model, parameters, {o.period_ms, pulse}, {o.integrator, o.rtol, o.atol, o.dt_ms});
+  std::vector<double> state = o.start.empty() ? model.default_state() : read_state(model, o.start);
+  const double charge = model.invariant(state.data(), parameters.data());
+
+  Progress progress(fmt::format("cell {}", model.name), o.quiet ? Progress::Style::quiet : Progress::Style::automatic);
+  LimitCycleCertificate certificate;
+  int beats = 0;
+  if (to_cycle) {
+    LimitCycleSettings settings;
+    settings.distance = o.distance;
+    settings.max_beats = o.max_beats;
+    settings.method = limit_cycle_method(o.method);
+    certificate = cell.to_limit_cycle(state, settings, [&](const LimitCycleCertificate& c) {
+      progress.update(-1, fmt::format("beat {}, distance {:.1e}", c.beats, c.distance));
+    });
+    beats = certificate.beats;
+  } else {
+    for (; beats < o.beats - 1; ++beats) {
+      progress.update(static_cast<double>(beats) / o.beats, fmt::format("beat {}", beats));
+      cell.beat(state);
+    }
+  }
+  // The last beat, sampled. On a limit cycle it is one beat more, from the cycle.
+  Table table;
+  table.add("t", "ms", "time since the beginning of the beat");
+  for (const Quantity& q : model.states) table.add(std::string(q.name), std::string(q.unit), std::string(q.meaning));
+  for (const Quantity& q : model.observables)
+    table.add(std::string(q.name), std::string(q.unit), std::string(q.meaning));
+  std::vector<double> rates(model.states.size()), observables(model.observables.size());
+  const std::vector<double> onset_state = state;
+  cell.beat(state, o.sample_ms, [&](double t, const double* y, double stimulus) {
+    model.evaluate(y, &stimulus, parameters.data(), rates.data(), observables.data());
+    std::size_t c = 0;
+    table.columns[c++].values.push_back(t);
+    for (std::size_t i = 0; i < model.states.size(); ++i) table.columns[c++].values.push_back(y[i]);
+    for (double value : observables) table.columns[c++].values.push_back(value);
+  });
+  ++beats;
+  progress.finish(fmt::format("{} beats", beats));
+
+  nlohmann::ordered_json summary = {{"model", model.name}, {"period_ms", o.period_ms}, {"beats", beats}};
+  if (to_cycle)
+    summary["limit_cycle"] = {{"verdict", to_string(certificate.verdict)},
+                              {"distance", certificate.distance},
+                              {"beats", certificate.beats},
+                              {"residual", certificate.residual},
+                              {"multiplier", certificate.multiplier}};
+  const auto& V = table.columns[1 + model.membrane_potential].values;
+  const auto& Ca = table.columns[1 + model.cytosolic_calcium].values;
+  summary["V_max_mV"] = *std::max_element(V.begin(), V.end());
+  summary["V_min_mV"] = *std::min_element(V.begin(), V.end());
+  summary["Ca_i_max_mM"] = *std::max_element(Ca.begin(), Ca.end());
+  summary["Ca_i_min_mM"] = *std::min_element(Ca.begin(), Ca.end());
+  if (const auto apd = action_potential_duration(table.columns[0].values, V, 0.9)) summary["APD90_ms"] = *apd;
+  if (model.keeps_invariant(parameters.data()))
+    summary["charge_drift_mV"] = to_cycle ? cell.invariant_drift() : model.invariant(state.data(), parameters.data()) - charge;
+  for (std::size_t i = 0; i < model.states.size(); ++i)
+    summary["end_state"][std::string(model.states[i].name)] = state[i];
+
+  fmt::print("{}: {}, period {} ms, {} beats\n", model.name, model.title, o.period_ms, beats);
+  if (to_cycle)
+    fmt::print("limit cycle: {}, distance {:.1e}, leading multiplier {:.4f}\n", to_string(certificate.verdict),
+               certificate.distance, certificate.multiplier);
+  fmt::print("V {:.3f} to {:.3f} mV, Ca_i {:.4g} to {:.4g} mM{}\n", summary["V_min_mV"].get<double>(),
+             summary["V_max_mV"].get<double>(), summary["Ca_i_min_mM"].get<double>(),
+             summary["Ca_i_max_mM"].get<double>(),
+             summary.contains("APD90_ms") ? fmt::format(", APD90 {:.3f} ms", summary["APD90_ms"].get<double>()) : "");
+  if (!o.output.empty()) {
+    write_table(o.output, table, o.model, summary);
+    fmt::print("last beat: {}\n", o.output);
+  }
+  if (!o.final_state.empty()) {
+    Table last;
+    for (std::size_t i = 0; i < model.states.size(); ++i)
+      last.add(std::string(model.states[i].name), std::string(model.states[i].unit)).values = {state[i]};
+    write_csv(o.final_state, last);
+    fmt::print("final state: {}\n", o.final_state);
+  }
+  if (o.json) fmt::print("{}\n", summary.dump());
+  if (to_cycle && certificate.verdict != LimitCycleVerdict::period_1)
+    throw NumericalFailure(fmt::format("the limit cycle was not reached: {} after {} beats, distance {:.2g}",
+                                       to_string(certificate.verdict), certificate.beats, certificate.distance));
+}
+
+}  // namespace
+
+void add_cell(CLI::App& app) {
+  auto o = std::make_shared<Options>();
+  CLI::App* verb = app.add_subcommand("cell", "Pace one cell, or evaluate its equations at given states");
+  verb->add_option("model", o->model, "cell model, see wiggers models")->required();
+  verb->add_option("--parameters", o->parameters, "named parameter set [the model's first]");
+  verb->add_option("--set", o->set, "change a parameter: name=value, in the parameter's unit")->take_all();
+  verb->add_option("--period-ms", o->period_ms, "pacing period, ms [1000]");
+  verb->add_option("--beats", o->beats, "number of beats");
+  verb->add_option("--until", o->until, "limit-cycle: pace until the cell repeats itself");
+  verb->add_option("--method", o->method, "limit-cycle search: anderson | pacing [anderson]");
+  verb->add_option("--distance", o->distance, "scaled distance to the limit cycle, 1 [1e-6]");
+  verb->add_option("--max-beats", o->max_beats, "give up on the limit cycle after so many beats [2000]");
+  verb->add_option("--integrator", o->integrator,
+                   "cvode | rush-larsen | rush-larsen-2 | bdf2-imex | forward-euler [cvode]");
+  verb->add_option("--dt-ms", o->dt_ms, "step of the fixed-step integrators, ms [0.02]");
+  verb->add_option("--rtol", o->rtol, "relative tolerance of cvode, 1 [1e-8]");
+  verb->add_option("--atol", o->atol, "absolute tolerance of cvode for a state of size one [1e-10]");
+  verb->add_option("--sample-ms", o->sample_ms, "spacing of the output rows, ms [1]");
+  CLI::Option* stimulus = verb->add_option("--stimulus-A-per-F", o->stimulus,
+                                           "stimulus current, A/F, negative depolarises [the model's]");
+  CLI::Option* duration = verb->add_option("--stimulus-ms,--stimulus-duration-ms", o->duration_ms,
+                                           "duration of the stimulus, ms [the model's]");
+  verb->add_option("--stimulus-onset-ms", o->onset_ms, "onset of the stimulus in the period, ms [0]");
+  verb->add_option("--start", o->start, "CSV with the starting state (last row, states by name) [published values]");
+  verb->add_option("--final-state", o->final_state, "write the final state to this CSV");
+  verb->add_option("--rhs", o->rhs, "CSV with states: write derivatives and currents to -o, pace nothing");
+  verb->add_option("-o,--output", o->output, "CSV or HDF5 (.h5) file of the last beat");
+  verb->add_flag("--quiet", o->quiet, "no progress");
+  verb->add_flag("--json", o->json, "end standard output with one line of JSON");
+  verb->callback([o, stimulus, duration] {
+    const CellModel& model = find_model(o->model);
+    o->stimulus_given = stimulus->count() > 0;
+    o->duration_given = duration->count() > 0;
+    const std::vector<double> parameters = parameters_from(model, o->parameters, o->set);
+    if (!o->rhs.empty())
+      evaluate_rows(model, parameters, *o);
+    else
+      pace(model, parameters, *o);
+  });
+}
+
+}  // namespace wiggers::command

@@ -1,0 +1,109 @@
+#include <chrono>
+#include <cmath>
+#include <memory>
+
+#include <fmt/core.h>
+#include <fmt/format.h>
+
+#include <wiggers/circulation/loop.hpp>
+#include <wiggers/core/errors.hpp>
+#include <wiggers/core/files.hpp>
+#include <wiggers/core/progress.hpp>
+#include <wiggers/heart/summary.hpp>
+
+#include "shared.hpp"
+#include "verbs.hpp"
+
+namespace wiggers::command {
+
+void add_loop(CLI::App& app) {
+  struct Options {
+    std::string file, until, output, method = "anderson";
+    std::vector<std::string> set;
+    LoopIntegrator integrator;
+    double sample_ms = 1, distance = 1e-8;
+    int beats = 0, max_beats = 500;
+    bool quiet = false, json = false;
+  };
+  auto o = std::make_shared<Options>();
+  CLI::App* verb = app.add_subcommand("loop", "0D circulation with elastance chambers");
+  verb->add_option("file", o->file, "loop file (TOML), see docs/formats.md")->required();
+  verb->add_option("--set", o->set, "change a key of the file: elastance.LV.EA=3")->take_all();
+  verb->add_option("--beats", o->beats, "number of beats");
+  verb->add_option("--until", o->until, "limit-cycle: run until the loop repeats itself");
+  verb->add_option("--method", o->method, "limit-cycle search: anderson | pacing [anderson]");
+  verb->add_option("--distance", o->distance, "scaled distance to the limit cycle, 1 [1e-8]");
+  verb->add_option("--max-beats", o->max_beats, "give up on the limit cycle after so many beats [500]");
+  verb->add_option("--integrator", o->integrator.name, "cvode | forward-euler | runge-kutta-4 [cvode]");
+  verb->add_option("--dt-s", o->integrator.dt_s, "step of the fixed-step integrators, s [1e-3]");
+  verb->add_option("--rtol", o->integrator.relative_tolerance, "relative tolerance of cvode, 1 [1e-9]");
+  verb->add_option("--atol", o->integrator.absolute_tolerance,
+                   "absolute tolerance of cvode, mmHg, mL, mL/s [1e-9]");
+  verb->add_option("--sample-ms", o->sample_ms, "spacing of the output rows, ms [1]");
+  verb->add_option("-o,--output", o->output, "CSV file of the last beat");
+  verb->add_flag("--quiet", o->quiet, "no progress");
+  verb->add_flag("--json", o->json, "end standard output with one line of JSON");
+  verb->callback([o] {
+    const bool to_cycle = end_of_run(o->until, o->beats);
+    auto table = parse_settings_file(o->file);
+    for (const std::string& assignment : o->set) override_setting(*table, assignment);
+    SettingsReader reader(table, std::filesystem::path(o->file).filename().string());
+    const Loop loop = read_loop(reader);
+    if (!o->output.empty()) require_writable(o->output, "-o");
+    if (!(o->sample_ms >= 1e-3 && o->sample_ms * 1e-3 <= loop.period_s))
+      throw InputError(fmt::format("--sample-ms {} is outside 0.001 to the period", o->sample_ms));
+    if (!(o->distance >= 1e-12 && o->distance <= 0.1))
+      throw InputError(fmt::format("--distance {} is outside 1e-12 to 0.1", o->distance));
+    const LoopSolver solver(loop, o->integrator);
+
+    const auto begin = std::chrono::steady_clock::now();
+    Progress progress("loop", o->quiet ? Progress::Style::quiet : Progress::Style::automatic);
+    CirculationValues state = loop.initial;
+    LoopSummary summary;
+    summary.title = std::filesystem::path(o->file).stem().string();
+    summary.circulation = loop.circulation;
+    summary.limit_cycle_wanted = to_cycle;
+    const double volume = total_volume(loop.circulation, state.data());
+    if (to_cycle) {
+      LimitCycleSettings settings;
+      settings.distance = o->distance;
+      settings.max_beats = o->max_beats;
+      settings.plain_beats = 2;
+      settings.method = limit_cycle_method(o->method);
+      summary.certificate = solver.to_limit_cycle(state, settings, [&](const LimitCycleCertificate& c) {
+        progress.update(-1, fmt::format("beat {}, distance {:.1e}", c.beats, c.distance));
+      });
+      summary.beats = summary.certificate.beats;
+    } else {
+      for (; summary.beats < o->beats - 1; ++summary.beats) {
+        solver.beat(state);
+        progress.update(static_cast<double>(summary.beats) / o->beats);
+      }
+    }
+    summary.trace = circulation_table();
+    solver.beat(state, o->sample_ms * 1e-3, &summary.trace);
+    ++summary.beats;
+    summary.blood_volume_drift_mL = std::abs(total_volume(loop.circulation, state.data()) - volume);
+    summary.atrial_stimulus_s = wrapped(loop.elastance[RA].tC, loop.period_s);
+    summary.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    progress.finish(fmt::format("{} beats", summary.beats));
+
+    const BeatIndexes indexes = compute_indexes(summary.trace, summary.atrial_stimulus_s);
+    fmt::print("{}\n", index_table(indexes, 1.9));
+    if (to_cycle)
+      fmt::print("limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
+                 to_string(summary.certificate.verdict), summary.certificate.distance, summary.certificate.beats,
+                 summary.certificate.multiplier);
+    if (!o->output.empty()) {
+      write_csv(o->output, summary.trace, false);
+      fmt::print("last beat: {}\n", o->output);
+    }
+    if (o->json) fmt::print("{}\n", summarise(summary).dump());
+    if (to_cycle && summary.certificate.verdict != LimitCycleVerdict::period_1)
+      throw NumericalFailure(fmt::format("the limit cycle was not reached: {} after {} beats, distance {:.2g}",
+                                         to_string(summary.certificate.verdict), summary.certificate.beats,
+                                         summary.certificate.distance));
+  });
+}
+
+}  // namespace wiggers::command

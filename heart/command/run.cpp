@@ -1,0 +1,94 @@
+#include <memory>
+
+#include <fmt/core.h>
+
+#include <wiggers/core/errors.hpp>
+#include <wiggers/core/files.hpp>
+#include <wiggers/heart/run.hpp>
+#include <wiggers/heart/summary.hpp>
+
+#include "verbs.hpp"
+
+namespace wiggers::command {
+
+void add_run(CLI::App& app) {
+  struct Options {
+    std::string scene, output, resume;
+    std::vector<std::string> set;
+    bool quiet = false, json = false;
+  };
+  auto o = std::make_shared<Options>();
+  CLI::App* verb = app.add_subcommand("run", "Run a scene to its limit cycle or for a number of beats");
+  verb->add_option("scene", o->scene, "scene file (TOML)")->required();
+  verb->add_option("-o,--output", o->output, "result file (HDF5); also the checkpoint of the run");
+  verb->add_option("--set", o->set, "change a key of the scene: walls.LV.activation_ms=150")->take_all();
+  verb->add_option("--resume", o->resume, "continue from this result file of the same scene");
+  verb->add_flag("--quiet", o->quiet, "no progress");
+  verb->add_flag("--json", o->json, "end standard output with one line of JSON");
+  verb->callback([o] {
+    const auto style = o->quiet ? Progress::Style::quiet : Progress::Style::automatic;
+    HeartRun run(read_scene(o->scene, o->set));
+    // A resumed run goes on in the file it came from, unless another is named.
+    std::optional<std::filesystem::path> result;
+    if (!o->output.empty()) result = o->output;
+    if (!result && !o->resume.empty()) result = o->resume;
+    if (result) require_writable(*result, "-o");
+    if (o->resume.empty())
+      run.prepare(style);
+    else
+      run.resume(o->resume);
+    run.advance(style, result);
+    for (const std::string& warning : run.scene().warnings) fmt::print("note: {}\n", warning);
+    fmt::print("{}\n\n{}\n", run.scene().title, index_table(run.indexes(), run.scene().body_surface_area_m2));
+    const auto& certificate = run.certificate();
+    fmt::print("limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
+               to_string(certificate.verdict), certificate.distance, certificate.beats, certificate.multiplier);
+    const auto summary = summarise(run);
+    fmt::print("audits: blood volume drift {:.1e} mL, energy imbalance {:.2f} %\n",
+               summary["audits"]["blood_volume_drift_mL"].get<double>(),
+               100 * summary["audits"]["energy_imbalance"].get<double>());
+    for (const auto& warning : summary["warnings"]) fmt::print("warning: {}\n", warning.get<std::string>());
+    fmt::print("cost: cells {:.2f} s, heart {:.2f} s for {} beats\n", run.cost().cells_s, run.cost().heart_s,
+               run.cost().beats);
+    if (result)
+      fmt::print("result: {}\n", result->string());
+    else
+      fmt::print("no -o was given: nothing was written\n");
+    if (o->json) fmt::print("{}\n", summary.dump());
+  });
+}
+
+void add_check(CLI::App& app) {
+  struct Options {
+    std::string scene;
+    std::vector<std::string> set;
+    bool full = false;
+  };
+  auto o = std::make_shared<Options>();
+  CLI::App* verb = app.add_subcommand("check", "Check a scene without running it");
+  verb->add_option("scene", o->scene, "scene file (TOML)")->required();
+  verb->add_option("--set", o->set, "change a key of the scene")->take_all();
+  verb->add_flag("--full", o->full, "print the scene with all defaults filled in");
+  verb->callback([o] {
+    const Scene scene = read_scene(o->scene, o->set);
+    if (o->full) {
+      fmt::print("{}", scene.text);
+      return;
+    }
+    fmt::print("{}: good\n", o->scene);
+    for (const auto& [chamber, wall] : scene.walls)
+      fmt::print("  {}: {}{}\n", chamber_names[chamber], wall.kind,
+                 wall.kind == "reduced" ? fmt::format(", cells {}, activated at {} ms", wall.cells, wall.activation_ms)
+                                        : std::string());
+    fmt::print("  blood volume {:.1f} mL, period {} s, step {} s\n",
+               total_volume(scene.circulation, scene.initial.data()), scene.period_s, scene.dt_s);
+    const double bound = largest_explicit_step(scene.circulation);
+    if (scene.dt_s >= bound)
+      fmt::print("warning: solver.dt_s = {} s is not below {:.4g} s, where the explicit circulation becomes "
+                 "unstable\n",
+                 scene.dt_s, bound);
+    for (const std::string& warning : scene.warnings) fmt::print("note: {}\n", warning);
+  });
+}
+
+}  // namespace wiggers::command

@@ -1,0 +1,55 @@
+#include "shared.hpp"
+
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include <wiggers/core/errors.hpp>
+
+namespace wiggers::command {
+
+std::vector<double> parameters_from(const CellModel& model, const std::string& set,
+                                    const std::vector<std::string>& changes) {
+  std::vector<double> values = model.parameter_values(set.empty() ? model.parameter_sets.front().name : set);
+  for (const std::string& change : changes) {
+    const auto [name, value] = parse_assignment(change, "--set");
+    const std::size_t index = require_index(model.parameters, fmt::format("parameter of {}", model.name), name);
+    check_range(model.parameters[index], value, "--set");
+    values[index] = value;
+  }
+  return values;
+}
+
+bool end_of_run(const std::string& until, int beats) {
+  if (!until.empty() && until != "limit-cycle")
+    throw InputError(fmt::format("--until: '{}' is not known; the only end it names is limit-cycle", until));
+  if (!until.empty() && beats != 0) throw InputError("give --beats N or --until limit-cycle, not both");
+  if (until.empty() && beats == 0) throw InputError("say how long to run: --beats N or --until limit-cycle");
+  if (beats < 0 || beats > 1000000) throw InputError(fmt::format("--beats {} is outside 1 to 1000000", beats));
+  return !until.empty();
+}
+
+LimitCycleMethod limit_cycle_method(const std::string& name) {
+  if (name == "anderson") return LimitCycleMethod::anderson;
+  if (name == "pacing") return LimitCycleMethod::pacing;
+  refuse_unknown("limit-cycle method", name, std::vector<std::string>{"anderson", "pacing"});
+}
+
+std::optional<double> action_potential_duration(const std::vector<double>& t, const std::vector<double>& V,
+                                                double repolarised) {
+  const auto peak = std::max_element(V.begin(), V.end());
+  const double threshold = *peak - repolarised * (*peak - V.back());
+  const auto peak_index = static_cast<std::size_t>(peak - V.begin());
+  std::optional<double> up, down;
+  const auto crossing = [&](std::size_t k) {
+    return t[k - 1] + (t[k] - t[k - 1]) * (threshold - V[k - 1]) / (V[k] - V[k - 1]);
+  };
+  for (std::size_t k = 1; k <= peak_index && !up; ++k)
+    if (V[k - 1] < threshold && V[k] >= threshold) up = crossing(k);
+  for (std::size_t k = peak_index + 1; k < V.size() && !down; ++k)
+    if (V[k - 1] >= threshold && V[k] < threshold) down = crossing(k);
+  if (!up || !down) return {};
+  return *down - *up;
+}
+
+}  // namespace wiggers::command

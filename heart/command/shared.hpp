@@ -1,0 +1,26 @@
+// What several verbs need.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <wiggers/cellmodels/catalogue.hpp>
+#include <wiggers/core/limit_cycle.hpp>
+
+namespace wiggers::command {
+
+// Values of a named set (empty: the first) with "name=value" changes, each checked against its range.
+std::vector<double> parameters_from(const CellModel& model, const std::string& set,
+                                    const std::vector<std::string>& changes);
+
+// True: until the limit cycle; false: `beats` beats. Refuses both, neither, and other words.
+bool end_of_run(const std::string& until, int beats);
+
+LimitCycleMethod limit_cycle_method(const std::string& name);
+
+// Duration of the action potential at a share of repolarisation; crossings interpolated linearly.
+std::optional<double> action_potential_duration(const std::vector<double>& t, const std::vector<double>& V,
+                                                double repolarised);
+
+}  // namespace wiggers::command

@@ -1,0 +1,80 @@
+// The whole-heart driver: walls and circulation, one step after another. Knows no kind of wall.
+//
+// One step t -> t + dt (staggered scheme of the founding paper):
+//   1. every wall: begin_step (cells, active force)
+//   2. Newton on the cavity pressures p: wall volumes = volumes the circulation wants, with
+//        plain:       V = V_0D^n
+//        stabilised:  V = V_0D^n + dt (venous inflow^n +- valve flows at p^{n+1})
+//   3. every wall: accept_step
+//   4. circulation by explicit Euler with the new pressures.
+// Stabilised, the wall's volumes equal the circulation's new ones to Newton's tolerance at every step.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <wiggers/circulation/circulation.hpp>
+#include <wiggers/core/table.hpp>
+#include <wiggers/heart/wall.hpp>
+
+namespace wiggers {
+
+struct DriverSettings {
+  double period_s = 0.8;
+  double dt_s = 1e-3;  // divides the period
+  bool stabilise_volumes = true;
+};
+
+// What a beat reports beside its trace.
+struct BeatAudit {
+  double chamber_work_mmHg_mL = 0;      // work of the four chambers on the blood
+  double dissipated_mmHg_mL = 0;        // in resistors and valves
+  double blood_volume_change_mL = 0;    // over the beat
+  double volume_mismatch_mL = 0;        // largest |wall volume - circulation volume| after a step
+  long newton_iterations = 0;
+  int most_newton_iterations = 0;
+  std::array<double, n_valves> valve_volume_mL{};  // net volume through each valve
+};
+
+class HeartDriver {
+ public:
+  HeartDriver(DriverSettings settings, CirculationParameters circulation, std::vector<std::unique_ptr<Wall>> walls);
+
+  void start(const CirculationValues& initial);
+
+  long steps_per_beat() const { return n_steps_; }
+  const DriverSettings& settings() const { return settings_; }
+  const CirculationParameters& circulation() const { return circulation_; }
+  const CirculationValues& values() const { return y_; }
+  const std::array<double, n_chambers>& pressures() const { return p_; }
+
+  // Replaces the circulation's state between two beats and moves the walls to its volumes.
+  void move_to(const CirculationValues& values);
+
+  // Empty trace with all columns: time, circulation, pressures, valve flows, wall outputs ("LV.stretch").
+  Table trace() const;
+
+  // One beat; rows of the trace at every step, both ends included.
+  BeatAudit beat(Table* trace);
+
+  // One step from time t within the beat (for tests).
+  void step(double t, BeatAudit& audit);
+
+  std::vector<double> save() const;
+  void restore(const std::vector<double>& saved);
+
+ private:
+  void record(Table& trace, double t) const;
+  void wanted_volumes(const double* p, double* volumes, double* slopes) const;
+
+  DriverSettings settings_;
+  CirculationParameters circulation_;
+  std::vector<std::unique_ptr<Wall>> walls_;
+  long n_steps_;
+  CirculationValues y_{};
+  std::array<double, n_chambers> p_{};
+  std::array<double, n_valves> Q_{};
+};
+
+}  // namespace wiggers

@@ -1,0 +1,77 @@
+// A run: a scene brought to its limit cycle or through a number of beats, with checkpoints, a result file and a
+// summary. Cells first (to their own limit cycles), then the coupled heart.
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <wiggers/core/progress.hpp>
+#include <wiggers/heart/driver.hpp>
+#include <wiggers/heart/indexes.hpp>
+#include <wiggers/heart/scene.hpp>
+
+namespace wiggers {
+
+// What is known of a cell type once it has been paced.
+struct PacedCellType {
+  std::vector<double> state_at_onset;
+  LimitCycleCertificate certificate;  // verdict running: started from the published state
+  double calcium_min_uM = 0;          // of one beat, after rescaling
+  double calcium_max_uM = 0;
+  double charge_drift_mV = 0;         // of the scheme in one beat
+};
+
+struct RunCost {
+  double cells_s = 0;
+  double heart_s = 0;
+  int beats = 0;  // of the coupled heart
+};
+
+class HeartRun {
+ public:
+  explicit HeartRun(Scene scene);
+
+  // Paces the cells and builds the walls. Needed before advance(), unless resume() was called.
+  void prepare(Progress::Style style);
+
+  // Continues from a result file of the same scene (its [run] table may differ). Refuses another scene.
+  void resume(const std::filesystem::path& result);
+
+  // Runs to the scene's end. With a result path, checkpoints go there; on failure or interrupt the last good
+  // state has been written before the exception leaves.
+  void advance(Progress::Style style, const std::optional<std::filesystem::path>& result);
+
+  const Scene& scene() const { return scene_; }
+  HeartDriver& driver() { return *driver_; }
+  const std::map<std::string, PacedCellType>& cells() const { return cells_; }
+  const Table& trace() const { return trace_; }
+  const BeatAudit& audit() const { return audit_; }
+  const LimitCycleCertificate& certificate() const { return certificate_; }
+  const RunCost& cost() const { return cost_; }
+  double blood_volume_drift_mL() const { return volume_drift_; }
+  bool complete() const { return complete_; }
+  // Present once at least one beat has been run.
+  BeatIndexes indexes() const;
+
+ private:
+  void build();
+  void write(const std::filesystem::path& path) const;
+
+  Scene scene_;
+  std::map<std::string, PacedCellType> cells_;
+  std::unique_ptr<HeartDriver> driver_;
+  std::unique_ptr<LimitCycleSearch> search_;
+  Table trace_;
+  BeatAudit audit_;
+  LimitCycleCertificate certificate_;
+  RunCost cost_;
+  double initial_volume_ = 0;
+  double volume_drift_ = 0;
+  bool complete_ = false;
+};
+
+}  // namespace wiggers

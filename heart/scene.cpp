@@ -1,0 +1,316 @@
+#include <wiggers/heart/scene.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include <wiggers/core/errors.hpp>
+#include <wiggers/core/units.hpp>
+#include <wiggers/heart/indexes.hpp>
+
+namespace wiggers {
+
+namespace {
+
+namespace keys {
+constexpr Quantity body_surface_area{"body_surface_area_m2", "m^2", 1.9, 0.1, 4, "divides volumes into indexed ones"};
+constexpr Quantity stimulus{"stimulus_A_per_F", "A/F", -25.71, -1000, 0, "stimulus of the cells"};
+constexpr Quantity stimulus_duration{"stimulus_ms", "ms", 3, 0.1, 20, "duration of the stimulus"};
+constexpr Quantity calcium_factor{"calcium_factor", "1", 1, 0, 10, "rescaling of calcium at the force model's door"};
+constexpr Quantity calcium_rest{"calcium_rest_uM", "uM", 0.05, 0, 10, "prescribed transient: resting calcium"};
+constexpr Quantity calcium_peak{"calcium_peak_uM", "uM", 0.38, 0, 10, "prescribed transient: peak calcium"};
+constexpr Quantity rise{"rise_ms", "ms", 20, 0.1, 1000, "prescribed transient: time constant of the rise"};
+constexpr Quantity decay{"decay_ms", "ms", 60, 0.1, 5000, "prescribed transient: time constant of the decay"};
+constexpr Quantity activation{"activation_ms", "ms", 0, 0, 20000, "when the wall is stimulated, from the beat's start"};
+constexpr Quantity V0{"unloaded_volume_mL", "mL", 95, 0.1, 1e4, "cavity volume of the unloaded sphere"};
+constexpr Quantity Vw{"wall_volume_mL", "mL", 130, 0.1, 1e4, "volume of the wall"};
+constexpr Quantity stiffness{"stiffness_kPa", "kPa", 0.88, 1e-3, 1e3, "C of the Usyk law"};
+constexpr Quantity b_ff{"b_ff", "1", 8, 0, 100, "exponent of the Usyk law along the fibre"};
+constexpr Quantity b_ss{"b_ss", "1", 6, 0, 100, "exponent of the Usyk law through the wall"};
+constexpr Quantity b_nn{"b_nn", "1", 3, 0, 100, "exponent of the Usyk law across the fibre in the wall"};
+constexpr Quantity n_f{"n_f", "1", 1, 0, 1, "share of active stress along the fibre"};
+constexpr Quantity n_n{"n_n", "1", 0.4, 0, 1, "share of active stress across the fibre in the wall"};
+constexpr Quantity a_XB{"a_XB_kPa", "kPa", 3.75e5, 0, 1e8, "tension per unit of first crossbridge moment"};
+constexpr Quantity viscosity{"viscosity_Pa_s", "Pa s", 0, 0, 1e6, "viscosity of the wall"};
+constexpr Quantity robin_k{"epicardial_stiffness_Pa_per_m", "Pa/m", 0, 0, 1e8, "surroundings: spring on the epicardium"};
+constexpr Quantity robin_c{"epicardial_damping_Pa_s_per_m", "Pa s/m", 0, 0, 1e7, "surroundings: dashpot on the epicardium"};
+constexpr Quantity dt{"dt_s", "s", 1e-3, 1e-6, 0.05, "step of mechanics and circulation; divides the period"};
+constexpr Quantity substep{"electrophysiology_substep_ms", "ms", 0.05, 1e-4, 1, "step of the ionic cells"};
+constexpr Quantity ru_substep{"regulatory_substep_us", "us", 25, 0.1, 1000, "step of RDQ20's regulatory units"};
+constexpr Quantity beats{"beats", "1", 1, 1, 1e6, "number of beats to run"};
+constexpr Quantity distance{"distance", "1", 1e-6, 1e-10, 1e-1,
+                            "scaled distance to the limit cycle at which to stop (100 mL, 10 mmHg, 100 mL/s)"};
+constexpr Quantity max_beats{"max_beats", "1", 300, 3, 1e6, "give up on the limit cycle after so many beats"};
+constexpr Quantity checkpoint{"checkpoint_every_s", "s", 1, 0, 1e6, "wall time between checkpoints of a run"};
+}  // namespace keys
+
+std::vector<std::string> as_strings(auto&& names) { return {names.begin(), names.end()}; }
+
+// Overrides of a model's parameters by name, each with its own range.
+void read_parameters(SettingsReader& table, const CellModel& model, std::vector<double>& values) {
+  for (const std::string& key : table.keys()) {
+    std::size_t index = 0;
+    try {
+      index = require_index(model.parameters, fmt::format("parameter of {}", model.name), key);
+    } catch (const InputError& error) {
+      throw InputError(fmt::format("{}: {}", table.place(key), error.what()));
+    }
+    values[index] = table.number(model.parameters[index], values[index]);
+  }
+}
+
+CellType read_cells(SettingsReader& table, const std::string& name) {
+  CellType cell;
+  cell.name = name;
+  std::vector<std::string> kinds;
+  for (const CellModel* model : catalogue())
+    if (model->is_ionic()) kinds.emplace_back(model->name);
+  kinds.emplace_back("transient");
+  if (!table.has("ionic"))
+    throw InputError(fmt::format("{} is missing; choose one of {}", table.place("ionic"), fmt::join(kinds, ", ")));
+  const std::string ionic = table.choice("ionic", "", kinds, "ionic model");
+  if (ionic == "transient") {
+    cell.transient.rest_uM = table.number(keys::calcium_rest);
+    cell.transient.peak_uM = table.number(keys::calcium_peak);
+    cell.transient.rise_ms = table.number(keys::rise);
+    cell.transient.decay_ms = table.number(keys::decay);
+    if (cell.transient.rise_ms >= cell.transient.decay_ms)
+      throw InputError(fmt::format("{} = {} must be shorter than decay_ms = {}", table.place("rise_ms"),
+                                   cell.transient.rise_ms, cell.transient.decay_ms));
+    if (cell.transient.peak_uM < cell.transient.rest_uM)
+      throw InputError(fmt::format("{} = {} is below calcium_rest_uM = {}", table.place("calcium_peak_uM"),
+                                   cell.transient.peak_uM, cell.transient.rest_uM));
+  } else {
+    cell.ionic = &find_model(ionic);
+    std::vector<std::string> sets;
+    for (const ParameterSet& set : cell.ionic->parameter_sets) sets.emplace_back(set.name);
+    cell.ionic_parameters =
+        cell.ionic->parameter_values(table.choice("ionic_parameters", "default", sets, "parameter set"));
+    if (table.has("ionic_changes"))
+      read_parameters(table.table("ionic_changes"), *cell.ionic, cell.ionic_parameters);
+    cell.stimulus.amplitude_A_per_F = table.number(keys::stimulus);
+    cell.stimulus.duration_ms = table.number(keys::stimulus_duration);
+    const std::vector<std::string> starts = {"limit-cycle", "published"};
+    cell.from_limit_cycle = table.choice("start", "limit-cycle", starts, "start of the cells") == "limit-cycle";
+    if (cell.from_limit_cycle && !cell.ionic->keeps_invariant(cell.ionic_parameters.data()))
+      throw InputError(fmt::format(
+          "{}: these parameters book the stimulus charge to no ion, so the cell has no limit cycle; use start = "
+          "\"published\" or another parameter set",
+          table.place("start")));
+    cell.rescaling.factor = table.number(keys::calcium_factor);
+    const std::string reading = table.choice("calcium_reading", calcium_reading_names[0],
+                                             as_strings(calcium_reading_names), "calcium reading");
+    cell.rescaling.reading = reading == "peak" ? CalciumReading::peak : CalciumReading::scaled;
+  }
+  const CellModel& force = find_model("rdq20");
+  const std::vector<std::string> forces = {std::string(force.name)};
+  table.choice("force", force.name, forces, "force model");
+  std::vector<std::string> sets;
+  for (const ParameterSet& set : force.parameter_sets) sets.emplace_back(set.name);
+  cell.force_parameters = force.parameter_values(table.choice("parameters", "human37", sets, "force parameter set"));
+  if (table.has("force_changes")) read_parameters(table.table("force_changes"), force, cell.force_parameters);
+  return cell;
+}
+
+WallPlan read_wall(SettingsReader& table, int chamber, double period_s, const std::map<std::string, CellType>& cells) {
+  WallPlan wall;
+  const std::vector<std::string> kinds = {"elastance", "reduced"};
+  if (table.is_text("kind") && table.text("kind", "") == "tissue")
+    throw InputError(fmt::format("{}: this build has no 3D tissue; use kind = \"reduced\"", table.place("kind")));
+  wall.kind = table.choice("kind", "elastance", kinds, "kind of wall");
+  if (wall.kind == "elastance") {
+    const auto sets = circulation_set_names(true);
+    const std::string set = table.choice("parameters", "wiggers-healthy-0d", sets, "circulation parameter set");
+    wall.elastance = read_elastance(table, find_circulation_set(set).loop.elastance[chamber]);
+    check_elastance(wall.elastance, period_s, table.place("TC").c_str());
+    return wall;
+  }
+  std::vector<std::string> known;
+  for (const auto& entry : cells) known.push_back(entry.first);
+  if (known.empty())
+    throw InputError(fmt::format("{}: a reduced wall needs an entry of [cells] to drive it", table.place("cells")));
+  wall.cells = table.choice("cells", known.front(), known, "entry of [cells]");
+  wall.activation_ms = table.number(keys::activation);
+  if (wall.activation_ms >= period_s * 1e3)
+    throw InputError(fmt::format("{} = {} ms is not within the period of {} s", table.place("activation_ms"),
+                                 wall.activation_ms, period_s));
+  ReducedWallParameters& r = wall.reduced;
+  r.sphere.V0_mL = table.number(keys::V0);
+  r.sphere.Vw_mL = table.number(keys::Vw);
+  r.passive = {table.number(keys::stiffness), table.number(keys::b_ff), table.number(keys::b_ss),
+               table.number(keys::b_nn)};
+  r.n_f = table.number(keys::n_f);
+  r.n_n = table.number(keys::n_n);
+  r.viscosity_Pa_s = table.number(keys::viscosity);
+  r.epicardial_stiffness_Pa_per_m = table.number(keys::robin_k);
+  r.epicardial_damping_Pa_s_per_m = table.number(keys::robin_c);
+  r.active = table.flag("active", true);
+  r.subtract_rest_tension = table.flag("subtract_rest_tension", true);
+  wall.force_parameters = cells.at(wall.cells).force_parameters;
+  wall.force_parameters[Rdq20::a_XB] = table.number(keys::a_XB, wall.force_parameters[Rdq20::a_XB]);
+  return wall;
+}
+
+// Changes of `over` on top of `base`, table by table.
+void merge(SettingsTable& base, const SettingsTable& over) {
+  for (const auto& [key, value] : over.entries) {
+    const auto* table = std::get_if<std::shared_ptr<SettingsTable>>(&value.data);
+    const auto it = base.entries.find(key);
+    if (table && it != base.entries.end())
+      if (auto* below = std::get_if<std::shared_ptr<SettingsTable>>(&it->second.data)) {
+        // A wall or cell of another kind shares no keys with the old one: it replaces it.
+        const auto kind_of = [](const SettingsTable& t, const char* name) {
+          const auto entry = t.entries.find(name);
+          const std::string* text = entry == t.entries.end() ? nullptr : std::get_if<std::string>(&entry->second.data);
+          return text ? *text : std::string();
+        };
+        bool replaced = false;
+        for (const char* name : {"kind", "ionic"}) {
+          const std::string now = kind_of(**table, name);
+          replaced = replaced || (!now.empty() && now != kind_of(**below, name));
+        }
+        if (!replaced) {
+          merge(**below, **table);
+          continue;
+        }
+      }
+    base.entries[key] = value;
+  }
+}
+
+std::shared_ptr<SettingsTable> with_base(std::shared_ptr<SettingsTable> table, const std::filesystem::path& file,
+                                         int depth) {
+  const auto it = table->entries.find("base");
+  if (it == table->entries.end()) return table;
+  const auto* name = std::get_if<std::string>(&it->second.data);
+  if (!name) throw InputError(fmt::format("{}: base must name a scene file", file.string()));
+  if (depth > 8)
+    throw InputError(fmt::format("{}: scenes name one another as base in a circle", file.string()));
+  const std::filesystem::path base_file = file.parent_path() / *name;
+  auto base = with_base(parse_settings_file(base_file), base_file, depth + 1);
+  SettingsTable changes = *table;
+  changes.entries.erase("base");
+  merge(*base, changes);
+  return base;
+}
+
+Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
+  SettingsReader reader(table, name);
+  Scene scene;
+  scene.title = reader.text("title", name);
+  SettingsReader& heart = reader.table("heart");
+  scene.period_s = heart.number(period_quantity);
+  scene.body_surface_area_m2 = heart.number(keys::body_surface_area);
+
+  SettingsReader& cells = reader.table("cells");
+  for (const std::string& key : cells.keys()) {
+    CellType cell = read_cells(cells.table(key), key);
+    if (cell.ionic && scene.period_s * 1e3 <= cell.stimulus.duration_ms)
+      throw InputError(fmt::format("{}: the period, {} s, is not longer than the stimulus, {} ms",
+                                   heart.place("period_s"), scene.period_s, cell.stimulus.duration_ms));
+    scene.cells.emplace(key, std::move(cell));
+  }
+
+  SettingsReader& walls = reader.table("walls");
+  const std::vector<std::string> chambers = as_strings(chamber_names);
+  for (const std::string& key : walls.keys())
+    if (std::find(chambers.begin(), chambers.end(), key) == chambers.end()) {
+      try {
+        refuse_unknown("cavity", key, chambers);
+      } catch (const InputError& error) {
+        throw InputError(fmt::format("{}: {}", walls.place(key), error.what()));
+      }
+    }
+  for (int c = 0; c < n_chambers; ++c) {
+    if (!walls.has(chamber_names[c]))
+      throw InputError(fmt::format("{} is missing: the closed loop needs a wall for each of LA, LV, RA and RV; the "
+                                   "cheapest is kind = \"elastance\"",
+                                   walls.place(chamber_names[c])));
+    scene.walls.emplace(c, read_wall(walls.table(chamber_names[c]), c, scene.period_s, scene.cells));
+  }
+  // Cells that no wall uses are not built.
+  std::erase_if(scene.cells, [&](const auto& entry) {
+    const bool used = std::any_of(scene.walls.begin(), scene.walls.end(),
+                                  [&](const auto& wall) { return wall.second.cells == entry.first; });
+    if (!used) scene.warnings.push_back(fmt::format("cells.{} is used by no wall and is left out", entry.first));
+    return !used;
+  });
+
+  SettingsReader& circulation = reader.table("circulation");
+  const std::string set = circulation.choice("parameters", "fedele2023", circulation_set_names(false),
+                                             "circulation parameter set");
+  scene.circulation = find_circulation_set(set).loop.circulation;
+  read_circulation(circulation, scene.circulation);
+  scene.initial =
+      read_initial(circulation.table("initial"), scene.circulation, find_circulation_set(set).loop.initial);
+
+  SettingsReader& solver = reader.table("solver");
+  const std::vector<std::string> schemes = {"staggered"};
+  solver.choice("scheme", schemes[0], schemes, "scheme");
+  scene.dt_s = solver.number(keys::dt);
+  const double steps = scene.period_s / scene.dt_s;
+  if (std::abs(steps - std::round(steps)) > 1e-6 * steps || steps < 10)
+    throw InputError(fmt::format("{} = {} s does not divide the period, {} s, into at least ten whole steps; the "
+                                 "nearest that does is {:.6g} s",
+                                 solver.place("dt_s"), scene.dt_s, scene.period_s,
+                                 scene.period_s / std::max(10.0, std::round(steps))));
+  scene.electrophysiology_substep_ms = solver.number(keys::substep);
+  scene.electrophysiology_integrator =
+      solver.choice("electrophysiology_integrator", "rush-larsen", as_strings(fixed_step_integrators()), "integrator");
+  scene.regulatory_substep_us = solver.number(keys::ru_substep);
+  const std::string rate =
+      solver.choice("stretch_rate", rate_scheme_names[0], as_strings(rate_scheme_names), "stretch-rate scheme");
+  for (std::size_t k = 0; k < rate_scheme_names.size(); ++k)
+    if (rate == rate_scheme_names[k]) scene.rate = static_cast<RateScheme>(k);
+  SettingsReader& stabilise = solver.table("stabilise");
+  scene.stabilise_active_stress = stabilise.flag("active_stress", true);
+  scene.stabilise_volumes = stabilise.flag("volumes", true);
+
+  SettingsReader& run = reader.table("run");
+  const std::vector<std::string> ends = {"limit-cycle", "beats"};
+  const bool counted = run.has("beats");
+  if (counted && run.is_text("until") && run.text("until", "") == "limit-cycle")
+    throw InputError(fmt::format("{}: give until = \"limit-cycle\" or a number of beats, not both", run.place("beats")));
+  scene.until_limit_cycle = run.choice("until", counted ? "beats" : "limit-cycle", ends, "end of the run") == "limit-cycle";
+  if (!scene.until_limit_cycle) scene.beats = static_cast<int>(run.integer(keys::beats));
+  scene.limit_cycle.distance = run.number(keys::distance);
+  scene.limit_cycle.max_beats = static_cast<int>(run.integer(keys::max_beats));
+  const std::vector<std::string> methods = {"anderson", "pacing"};
+  scene.limit_cycle.method = run.choice("method", "anderson", methods, "limit-cycle method") == "pacing"
+                                 ? LimitCycleMethod::pacing
+                                 : LimitCycleMethod::anderson;
+  scene.checkpoint_every_s = run.number(keys::checkpoint);
+  reader.finish();
+  const double substep_s = scene.regulatory_substep_us * 1e-6;
+  for (auto& [chamber, wall] : scene.walls)
+    wall.reduced.regulatory_substeps = std::max(1, static_cast<int>(std::ceil(scene.dt_s / substep_s - 1e-9)));
+  scene.text = reader.full();
+  return scene;
+}
+
+}  // namespace
+
+Scene read_scene(const std::filesystem::path& path, const std::vector<std::string>& overrides) {
+  auto table = with_base(parse_settings_file(path), path, 0);
+  for (const std::string& assignment : overrides) override_setting(*table, assignment);
+  return interpret(table, path.filename().string());
+}
+
+Scene read_scene_text(const std::string& text, const std::string& name, const std::vector<std::string>& overrides) {
+  auto table = parse_settings_text(text, name);
+  for (const std::string& assignment : overrides) override_setting(*table, assignment);
+  return interpret(table, name);
+}
+
+double atrial_stimulus_s(const Scene& scene) {
+  // Right atrium first (the pacemaker), then the left.
+  for (int chamber : {RA, LA}) {
+    const WallPlan& wall = scene.walls.at(chamber);
+    if (wall.kind == "reduced") return wall.activation_ms * units::s_per_ms;
+    if (wall.elastance.EA > 0) return wrapped(wall.elastance.tC, scene.period_s);
+  }
+  return 0;
+}
+
+}  // namespace wiggers

@@ -1,0 +1,73 @@
+// Scenes: which chambers there are, how each is modelled, what drives them, how it is solved and for how long.
+//
+// A scene is a TOML file. `base = "other.toml"` starts from another scene (path relative to this one) and
+// changes what is named. What is not named is not built. Unknown keys are refused with the nearest name.
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <wiggers/cellmodels/calcium.hpp>
+#include <wiggers/cellmodels/catalogue.hpp>
+#include <wiggers/circulation/loop.hpp>
+#include <wiggers/core/limit_cycle.hpp>
+#include <wiggers/heart/cell_source.hpp>
+#include <wiggers/heart/reduced_wall.hpp>
+
+namespace wiggers {
+
+// One entry of [cells].
+struct CellType {
+  std::string name;
+  const CellModel* ionic = nullptr;  // null: a prescribed calcium transient
+  std::vector<double> ionic_parameters;
+  PrescribedCalcium::Shape transient;
+  StimulusPulse stimulus;
+  bool from_limit_cycle = true;  // start from the cell's limit cycle, or from its published state
+  std::vector<double> force_parameters;
+  CalciumRescaling rescaling;
+};
+
+struct WallPlan {
+  std::string kind;  // elastance | reduced
+  ElastanceParameters elastance;
+  std::string cells;  // name of the entry of [cells]
+  double activation_ms = 0;
+  ReducedWallParameters reduced;
+  std::vector<double> force_parameters;  // of the cell type, with the wall's own a_XB
+};
+
+struct Scene {
+  std::string title;
+  std::string text;  // the scene with all defaults filled in
+  double period_s = 0.8;
+  double body_surface_area_m2 = 1.9;
+  std::map<std::string, CellType> cells;
+  std::map<int, WallPlan> walls;  // by chamber
+  CirculationParameters circulation;
+  CirculationValues initial{};
+  double dt_s = 1e-3;
+  double electrophysiology_substep_ms = 0.05;
+  std::string electrophysiology_integrator;
+  double regulatory_substep_us = 25;
+  RateScheme rate = RateScheme::lagged;
+  bool stabilise_active_stress = true;
+  bool stabilise_volumes = true;
+  bool until_limit_cycle = true;
+  int beats = 0;
+  LimitCycleSettings limit_cycle;
+  double checkpoint_every_s = 1;
+  std::vector<std::string> warnings;
+};
+
+// Reads and checks a scene file with overrides ("solver.dt_s=5e-4"). Refuses with InputError before any work.
+Scene read_scene(const std::filesystem::path& path, const std::vector<std::string>& overrides);
+Scene read_scene_text(const std::string& text, const std::string& name, const std::vector<std::string>& overrides);
+
+// When the atria are stimulated (s): the phase mark of circulation indexes.
+double atrial_stimulus_s(const Scene& scene);
+
+}  // namespace wiggers

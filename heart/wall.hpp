@@ -1,0 +1,61 @@
+// The seam: a wall encloses one to four cavities and answers the same few questions, whatever it is made of.
+//
+// Order of calls in a step t -> t + dt, by the driver:
+//
+//   begin_step(t, dt)          electrophysiology and active force, which do not depend on the pressure
+//   repeat: linearise(p, V, C) volumes after the wall's own Newton correction at pressures p, and dV/dp
+//           update(dp)         take the pressure correction
+//   accept_step()              keep it      (or reject_step(): back to the state before begin_step)
+//
+// save() and restore() carry everything the future depends on. Volumes mL, pressures mmHg, times s.
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace wiggers {
+
+// A value a wall can show for traces and reports.
+struct WallOutput {
+  std::string name;  // without the wall's name, e.g. "active_tension"
+  std::string unit;
+  std::string meaning;
+};
+
+class Wall {
+ public:
+  virtual ~Wall() = default;
+
+  // The cavities (indexes of chambers) in the order of all arrays below.
+  virtual std::span<const int> cavities() const = 0;
+
+  // Sets the starting volumes and whatever else a first step needs; returns a first guess of the pressures.
+  virtual void start(double t, const double* volumes, double* pressures) = 0;
+
+  virtual void begin_step(double t, double dt) = 0;
+  // dV_dp is n x n, row-major.
+  virtual void linearise(const double* pressures, double* volumes, double* dV_dp) = 0;
+  virtual void update(const double* pressure_change) = 0;
+  virtual void accept_step() = 0;
+  virtual void reject_step() = 0;
+
+  // Moves the wall to other volumes between two beats (limit-cycle acceleration), rates kept.
+  virtual void move_to(const double* volumes) = 0;
+
+  virtual void save(std::vector<double>& out) const = 0;
+  virtual void restore(std::span<const double>& in) = 0;
+
+  virtual std::vector<WallOutput> outputs() const { return {}; }
+  virtual void output_values(double* values) const { (void)values; }
+};
+
+// Takes the next value off a saved state.
+inline double take_saved(std::span<const double>& in) {
+  const double value = in.front();
+  in = in.subspan(1);
+  return value;
+}
+
+}  // namespace wiggers
