@@ -32,15 +32,15 @@ inline constexpr std::array circuit_quantities = {
 };
 static_assert(well_formed(circuit_quantities));
 
-// The states as quantities; defaults: limit cycle of the set wiggers-healthy-0d, rounded.
+// The states as quantities; defaults: the start of the set wiggers-healthy-0d.
 inline constexpr std::array circulation_state_quantities = {
     Quantity{"V_LA", "mL", 65, 0, 1e4, "volume of the left atrium"},
     Quantity{"V_LV", "mL", 120, 0, 1e4, "volume of the left ventricle"},
     Quantity{"V_RA", "mL", 65, 0, 1e4, "volume of the right atrium"},
     Quantity{"V_RV", "mL", 145, 0, 1e4, "volume of the right ventricle"},
     Quantity{"p_AR_SYS", "mmHg", 80, -100, 1e3, "systemic arterial pressure"},
-    Quantity{"p_VEN_SYS", "mmHg", 30, -100, 1e3, "systemic venous pressure"},
-    Quantity{"p_AR_PUL", "mmHg", 15, -100, 1e3, "pulmonary arterial pressure"},
+    Quantity{"p_VEN_SYS", "mmHg", 28, -100, 1e3, "systemic venous pressure"},
+    Quantity{"p_AR_PUL", "mmHg", 18, -100, 1e3, "pulmonary arterial pressure"},
     Quantity{"p_VEN_PUL", "mmHg", 12, -100, 1e3, "pulmonary venous pressure"},
     Quantity{"Q_AR_SYS", "mL/s", 0, -1e5, 1e5, "systemic arterial flow"},
     Quantity{"Q_VEN_SYS", "mL/s", 0, -1e5, 1e5, "systemic venous flow, into the right atrium"},

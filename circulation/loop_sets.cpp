@@ -18,6 +18,12 @@ Loop make(double period, ValveLaw law, double Rmax, CircuitParameters sys, Circu
   return loop;
 }
 
+// The fact sheet of the elastance has the left ventricle's values as defaults.
+ElastanceParameters default_left_ventricle() {
+  const auto v = defaults_of(elastance_quantities);
+  return {v[0], v[1], v[2], v[3], v[4], v[5]};
+}
+
 const CircuitParameters fedele_sys{0.48, 1.5, 5e-3, 0.26, 60, 5e-4};
 const CircuitParameters fedele_pul{0.032116, 10, 5e-4, 0.035684, 16, 5e-4};
 
@@ -27,10 +33,10 @@ std::vector<CirculationSet> make_sets() {
       {"wiggers-healthy-0d",
        "tuned for this project (not published values): a physiological limit cycle with elastance chambers at 75 "
        "beats per minute",
-       make(0.8, ValveLaw::diode, 75000, {0.84, 1.3, 5e-3, 0.26, 60, 5e-4}, {0.04, 6, 5e-4, 0.03, 16, 5e-4},
-            {ElastanceParameters{0.10, 0.09, 0.66, 0.136, 0.136, 4}, ElastanceParameters{2.75, 0.08, 0, 0.272, 0.136, 5},
+       make(0.8, ValveLaw::diode, 75000, {0.72, 1.3, 5e-3, 0.26, 60, 5e-4}, {0.04, 6, 5e-4, 0.03, 16, 5e-4},
+            {ElastanceParameters{0.10, 0.09, 0.66, 0.136, 0.136, 4}, default_left_ventricle(),
              ElastanceParameters{0.06, 0.07, 0.66, 0.136, 0.136, 4}, ElastanceParameters{0.55, 0.05, 0, 0.272, 0.136, 10}},
-            {65, 120, 65, 145, 80, 30, 18, 12, 0, 0, 0, 0}),
+            defaults_of(circulation_state_quantities)),
        true});
   sets.push_back({"fedele2023",
                   "Fedele et al. 2023 (whole-heart paper), table of circulation parameters; valves and vessels only, "

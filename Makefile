@@ -1,0 +1,82 @@
+# The front door. Every target does the set-up it needs; a second call does no work twice.
+#
+#   make heartbeat   install what is missing, build, run the main job, say where the pictures are
+#   make test        the same from nothing, and run all tests
+#   make build       install and build; the command is build/wiggers
+#   make nightly     the long tests: sanitizers, minimal build, formatting, benchmarks
+#   make help        these lines
+SHELL := /bin/bash
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
+
+PACKAGES := g++ cmake ninja-build git ca-certificates python3-venv \
+  libeigen3-dev libsundials-dev libhdf5-dev libfmt-dev libxsimd-dev libtoml11-dev libcli11-dev \
+  nlohmann-json3-dev catch2 libbenchmark-dev
+NIGHTLY_PACKAGES := clang-format
+BUILD := build
+PYTHON := .venv/bin/python
+JOBS := $(shell nproc)
+# Root installs directly, anybody else through sudo.
+SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
+
+# $(call install,PACKAGES): apt-get only for what is missing.
+define install
+	@missing=(); for p in $(1); do dpkg-query -W -f='$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || missing+=($$p); done; \
+	if [ $${#missing[@]} -gt 0 ]; then \
+	  echo "installing: $${missing[*]}"; \
+	  $(SUDO) apt-get update -qq && DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -qq --no-install-recommends "$${missing[@]}" >/dev/null; \
+	fi
+endef
+
+.PHONY: help setup packages build test heartbeat nightly format check-format clean
+help:
+	@sed -n 's/^#   //p' Makefile
+
+packages:
+	$(call install,$(PACKAGES))
+
+# The virtual environment follows pyproject.toml.
+.venv/.ready: pyproject.toml | packages
+	@echo "setting up Python in .venv"
+	@[ -x $(PYTHON) ] || /usr/bin/python3 -m venv .venv
+	@$(PYTHON) -c "import tomllib; d = tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']; print('\n'.join(d['report'] + d['test']))" > .venv/requirements.txt
+	@.venv/bin/pip install --quiet --disable-pip-version-check -r .venv/requirements.txt
+	@touch $@
+
+setup: packages .venv/.ready
+
+$(BUILD)/build.ninja: CMakeLists.txt cmake/rooms.cmake | setup
+	@cmake --preset release -B $(BUILD) -DWIGGERS_PYTHON=$(CURDIR)/$(PYTHON) > $(BUILD).log || { cat $(BUILD).log; rm -f $(BUILD).log; exit 1; }
+	@rm -f $(BUILD).log
+
+build: setup $(BUILD)/build.ninja
+	@cmake --build $(BUILD) -j $(JOBS) --target wiggers
+	@echo "the command: $(BUILD)/wiggers"
+
+test: setup $(BUILD)/build.ninja
+	@cmake --build $(BUILD) -j $(JOBS)
+	@ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) -LE nightly
+
+heartbeat: build
+	@mkdir -p heartbeat
+	@$(BUILD)/wiggers run scenes/whole_heart.toml -o heartbeat/whole_heart.h5
+	@$(BUILD)/wiggers report heartbeat/whole_heart.h5 -o heartbeat/report
+
+nightly: setup
+	$(call install,$(NIGHTLY_PACKAGES))
+	@$(MAKE) --no-print-directory check-format
+	@cmake --preset sanitize -DWIGGERS_PYTHON=$(CURDIR)/$(PYTHON) && cmake --build build-sanitize -j $(JOBS)
+	@ctest --test-dir build-sanitize --output-on-failure -j $(JOBS)
+	@cmake --preset minimal && cmake --build build-minimal -j $(JOBS) && ctest --test-dir build-minimal --output-on-failure -j $(JOBS)
+	@$(MAKE) --no-print-directory test
+	@$(BUILD)/bench_heart
+
+SOURCES := $(shell git ls-files '*.cpp' '*.hpp' 2>/dev/null)
+format:
+	$(call install,$(NIGHTLY_PACKAGES))
+	@clang-format -i $(SOURCES)
+check-format:
+	@clang-format --dry-run --Werror $(SOURCES)
+
+clean:
+	@rm -rf $(BUILD) build-sanitize build-minimal build-dev heartbeat

@@ -1,0 +1,37 @@
+"""Makes the report of one result file: pictures (PNG and SVG) and one self-contained HTML file.
+
+Usage: make_report.py RESULT.h5 FOLDER
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+from figures import pv_loops, wiggers_diagram  # noqa: E402
+from page import write_page  # noqa: E402
+from result import Result  # noqa: E402
+
+
+def main(result_path, folder):
+    result = Result(result_path)
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    pictures = {}
+    for name, make in (("wiggers", wiggers_diagram), ("pv_loops", pv_loops)):
+        figure = make(result)
+        for ending in ("png", "svg"):
+            figure.savefig(folder / f"{name}.{ending}", dpi=160)
+        pictures[name] = folder / f"{name}.svg"
+    page = folder / "index.html"
+    write_page(page, result, pictures)
+    print(f"report: {page}")
+    print(f"pictures: {folder / 'wiggers.png'}, {folder / 'pv_loops.png'} (and .svg)")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
+    main(sys.argv[1], sys.argv[2])

@@ -1,0 +1,107 @@
+"""One result file of `wiggers run`, read into arrays by name."""
+
+import json
+
+import h5py
+import numpy as np
+
+CHAMBERS = ("LA", "LV", "RA", "RV")
+VALVES = ("MV", "AV", "TV", "PV")
+
+
+class Result:
+    def __init__(self, path):
+        with h5py.File(path, "r") as file:
+            self.time = file["time"][:]
+            self.volume = {c: file[f"cavities/{c}/volume"][:] for c in CHAMBERS}
+            self.pressure = {c: file[f"cavities/{c}/pressure"][:] for c in CHAMBERS}
+            self.flow = {v: file[f"valves/{v}/flow"][:] for v in VALVES}
+            self.circulation = {name: data[:] for name, data in file["circulation"].items()}
+            self.cells = {}
+            for chamber, group in file.get("cells", {}).items():
+                self.cells[chamber] = {name: data[:] for name, data in group.items()}
+            self.phases = {
+                side: {name: tuple(data[:]) for name, data in group.items()}
+                for side, group in file.get("phases", {}).items()
+            }
+            self.summary = json.loads(file["summary"][()].decode())
+            self.ranges = {
+                name: {key: float(value[()]) for key, value in group.items()}
+                | {"unit": _text(group["value"].attrs["unit"])}
+                for name, group in file["reference_ranges"].items()
+            }
+            provenance = file["provenance"]
+            self.scene = _text(provenance["scene"][()])
+            self.title = _text(provenance["title"][()])
+            self.version = _text(provenance["version"][()])
+            self.status = _text(provenance["status"][()])
+            self.body_surface_area = _body_surface_area(self.scene)
+        self.period = float(self.time[-1])
+
+    def open_spans(self, valve):
+        """Spans of time in which a valve is open, from its pressure difference (openings above 1.5 ms)."""
+        upstream, downstream = {
+            "MV": (self.pressure["LA"], self.pressure["LV"]),
+            "AV": (self.pressure["LV"], self.circulation["p_AR_SYS"]),
+            "TV": (self.pressure["RA"], self.pressure["RV"]),
+            "PV": (self.pressure["RV"], self.circulation["p_AR_PUL"]),
+        }[valve]
+        is_open = upstream > downstream
+        edges = np.flatnonzero(np.diff(is_open.astype(int)))
+        bounds = np.concatenate(([0], edges + 1, [len(is_open)]))
+        spans = []
+        for begin, end in zip(bounds[:-1], bounds[1:]):
+            last = min(end, len(self.time) - 1)
+            if is_open[begin] and self.time[last] - self.time[begin] > 1.5e-3:
+                spans.append((self.time[begin], self.time[last]))
+        return spans
+
+    def phase_at(self, side):
+        """Name of the phase at every sample of one side ('left' or 'right'); None where there are no phases."""
+        names = np.full(len(self.time), None, dtype=object)
+        for name, (begin, end) in self.phases.get(side, {}).items():
+            length = (end - begin) % self.period
+            names[(self.time - begin) % self.period < length] = name
+        return names
+
+    def ecg_surrogate(self):
+        """A surrogate of the surface ECG from the activation of the chambers; None without activation.
+
+        Each chamber contributes |V(t) - V(t - tau)|, the potential difference across a chamber that a wave
+        crosses in tau; repolarisation runs the other way, so both deflections are upright. Elastance chambers
+        contribute their activation in the place of V. Shape only: no torso, arbitrary amplitude.
+        """
+        crossing = {"RA": 0.045, "LA": 0.045, "LV": 0.040, "RV": 0.040}
+        weight = {"RA": 0.14, "LA": 0.12, "LV": 1.0, "RV": -0.25}
+        total = np.zeros_like(self.time)
+        found = False
+        for chamber, data in self.cells.items():
+            if "membrane_potential" in data:
+                wave, scale = data["membrane_potential"], 1 / 100
+            elif "activation" in data:
+                wave, scale = data["activation"], 0.5
+            else:
+                continue
+            found = True
+            lag = crossing[chamber]
+            earlier = np.interp((self.time - lag) % self.period, self.time, wave)
+            difference = np.abs(wave - earlier) * scale
+            # A smooth lead field: the wave neither starts nor ends at one instant.
+            width = max(1, int(round(0.7 * lag / (self.time[1] - self.time[0]))))
+            kernel = np.hanning(width + 2)
+            difference = np.convolve(np.tile(difference[:-1], 3), kernel / kernel.sum(), "same")
+            n = len(self.time) - 1
+            difference = np.append(difference[n : 2 * n], difference[n])
+            total += weight[chamber] * difference
+        return total if found else None
+
+
+def _text(value):
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def _body_surface_area(scene):
+    for line in scene.splitlines():
+        if line.startswith("body_surface_area_m2"):
+            return float(line.split("=")[1])
+    return None

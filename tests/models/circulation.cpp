@@ -1,0 +1,227 @@
+// The closed loop: reference traces, conservation, Jacobian, valve laws, elastance, refusals.
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include <fmt/format.h>
+
+#include <wiggers/circulation/loop.hpp>
+#include <wiggers/core/dual.hpp>
+#include <wiggers/core/errors.hpp>
+
+#include "figures.hpp"
+
+using namespace wiggers;
+
+namespace {
+
+Loop loop_of(const std::string& name) {
+  if (name == "peer_default") return find_circulation_set("circulation-0.3.1").loop;
+  Loop loop = find_circulation_set("baseline75").loop;
+  if (name == "baseline75_diode") loop.circulation.valve_law = ValveLaw::diode;
+  if (name == "seed_rlc") {
+    const CirculationParameters paper = find_circulation_set("fedele2023").loop.circulation;
+    loop.circulation.circuits = paper.circuits;
+    loop.circulation.valves = paper.valves;
+  }
+  return loop;
+}
+
+LoopIntegrator tight() { return {"cvode", 1e-10, 1e-9, 1e-3}; }
+
+// Every state within 1e-5 of its range; rows of the table are picked out of 1 ms samples.
+void compare(const std::string& name, const Table& table, const Table& ranges_from, bool limit) {
+  const LoopSolver solver(loop_of(name), tight());
+  CirculationValues state = solver.loop().initial;
+  if (limit) {
+    LimitCycleSettings settings;
+    settings.distance = 1e-9;
+    const auto certificate = solver.to_limit_cycle(state, settings);
+    CHECK(certificate.verdict == LimitCycleVerdict::period_1);
+  }
+  const double volume = total_volume(solver.loop().circulation, state.data());
+  Table trace = circulation_table();
+  solver.beat(state, 1e-3, &trace);
+  REQUIRE(trace.n_rows() == 801);
+  CHECK(std::abs(total_volume(solver.loop().circulation, state.data()) - volume) < 1e-9);
+  for (const Quantity& q : circulation_state_quantities) {
+    const auto& range = ranges_from.at(q.name).values;
+    const auto [low, high] = std::minmax_element(range.begin(), range.end());
+    for (std::size_t k = 0; k < table.n_rows(); ++k) {
+      const auto row = static_cast<std::size_t>(std::lround(table.at("t_s").values[k] * 1e3));
+      INFO(name << (limit ? " limit " : " beat 1 ") << q.name << " t " << row << " ms");
+      CHECK(std::abs(trace.at(q.name).values[row] - table.at(q.name).values[k]) <= 1e-5 * (*high - *low));
+    }
+  }
+}
+
+}  // namespace
+
+TEST_CASE("first beats and limit cycles against the reference") {
+  for (const auto& [name, limit] : {std::pair<std::string, bool>{"baseline75", false}, {"baseline75", true},
+                                    {"peer_default", true}, {"seed_rlc", true}, {"baseline75_diode", true}}) {
+    const std::string file = fmt::format("circulation/{}_{}.csv", name, limit ? "limit" : "beat1");
+    const Table table = data_table(file);
+    compare(name, table, table, limit);
+    if (have_reference(file)) compare(name, reference_table(file), reference_table(file), limit);
+  }
+}
+
+TEST_CASE("explicit Euler converges with order one") {
+  double error[2];
+  int k = 0;
+  for (double dt : {1e-3, 1e-4}) {
+    const LoopSolver exact(loop_of("baseline75"), tight()), euler(loop_of("baseline75"), {"forward-euler", 1e-9, 1e-9, dt});
+    CirculationValues a = exact.loop().initial, b = a;
+    exact.beat(a);
+    euler.beat(b);
+    error[k++] = std::abs(a[V_LV] - b[V_LV]);
+  }
+  CHECK(error[0] / error[1] == Approx(10).epsilon(0.15));
+}
+
+TEST_CASE("Runge-Kutta of order four agrees with CVODE") {
+  const LoopSolver exact(loop_of("baseline75"), tight()), rk(loop_of("baseline75"), {"runge-kutta-4", 1e-9, 1e-9, 1e-4});
+  CirculationValues a = exact.loop().initial, b = a;
+  exact.beat(a);
+  rk.beat(b);
+  for (int i = 0; i < n_circulation_states; ++i) CHECK(a[i] == Approx(b[i]).epsilon(1e-6).margin(1e-5));
+}
+
+TEST_CASE("the leading multiplier of the loop is the reference's") {
+  const LoopSolver solver(loop_of("baseline75"), tight());
+  CirculationValues state = solver.loop().initial;
+  LimitCycleSettings settings;
+  settings.distance = 1e-8;
+  const auto certificate = solver.to_limit_cycle(state, settings);
+  CHECK(certificate.multiplier == Approx(0.8587).margin(2e-3));
+  CHECK(certificate.beats <= 20);
+}
+
+TEST_CASE("valve laws: direction, limits, derivatives") {
+  const ValveParameters valve{0.0075, 75000};
+  for (ValveLaw law : {ValveLaw::diode, ValveLaw::log_arctan, ValveLaw::tanh, ValveLaw::ideal}) {
+    INFO(valve_law_names[static_cast<int>(law)]);
+    // Forward pressure opens: the founding paper's printed diode would close here.
+    CHECK(valve_flow(law, valve, 20, 30.0, 10.0) == Approx(20 / 0.0075).epsilon(law == ValveLaw::log_arctan ? 1e-2 : 1e-9));
+    CHECK(std::abs(valve_flow(law, valve, 20, 10.0, 110.0)) < 2e-3);
+    CHECK(valve_flow(law, valve, 20, 10.0, 110.0) <= 0);
+    CHECK(valve_flow(law, valve, 20, 10.0, 10.0) == 0);
+    for (double dp : {-3.0, -0.02, 0.013, 0.4, 5.0}) {
+      using D = Dual<2>;
+      const D q = valve_flow<D>(law, valve, 20, D::variable(10 + dp, 0), D::variable(10, 1));
+      const double h = 1e-6;
+      const double slope =
+          (valve_flow(law, valve, 20, 10 + dp + h, 10.0) - valve_flow(law, valve, 20, 10 + dp - h, 10.0)) / (2 * h);
+      CHECK(q.derivative[0] == Approx(slope).epsilon(1e-5).margin(1e-8));
+      CHECK(q.derivative[1] == Approx(-q.derivative[0]).epsilon(1e-12).margin(1e-15));
+      CHECK(q.derivative[0] >= -1e-12);
+    }
+  }
+}
+
+TEST_CASE("the fat tail of the log-arctan law is as specified") {
+  const ValveParameters valve{0.0075, 75006.2};
+  CHECK(1.0 / valve_flow(ValveLaw::log_arctan, valve, 20, 1.0, 0.0) / 0.0075 == Approx(1.016).epsilon(2e-3));
+  CHECK(0.1 / valve_flow(ValveLaw::log_arctan, valve, 20, 0.1, 0.0) / 0.0075 == Approx(1.18).epsilon(1e-2));
+}
+
+TEST_CASE("activation wraps round the period, before zero too") {
+  const ElastanceParameters e{1, 0.1, 0.72, 0.136, 0.136, 4};
+  for (double t : {0.0, 0.05, 0.72, 0.8, 0.856, 0.9}) {
+    CHECK(elastance_activation(e, t, 0.8) == Approx(elastance_activation(e, t + 0.8, 0.8)).margin(1e-12));
+    CHECK(elastance_activation(e, t, 0.8) == Approx(elastance_activation(e, t - 1.6, 0.8)).margin(1e-12));
+  }
+  CHECK(elastance_activation(e, 0.856, 0.8) == Approx(1));
+  CHECK(elastance_activation(e, 0.056, 0.8) == Approx(1));
+  CHECK(elastance_activation(e, 0.0, 0.8) > 0.5);  // the wrapped tail counts in the first beat
+  CHECK(elastance_activation(e, 0.4, 0.8) == 0);
+}
+
+TEST_CASE("the total volume is an input and an invariant") {
+  Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
+  CirculationValues y = loop.initial;
+  hold_total_volume(loop.circulation, y.data(), 2700);
+  CHECK(total_volume(loop.circulation, y.data()) == Approx(2700).epsilon(1e-14));
+  SettingsReader reader(parse_settings_text("[initial]\ntotal_volume = 2700\n", "l.toml"), "l.toml");
+  const Loop read = read_loop(reader);
+  CHECK(total_volume(read.circulation, read.initial.data()) == Approx(2700).epsilon(1e-12));
+}
+
+TEST_CASE("wiggers-healthy-0d is physiological on its limit cycle") {
+  const LoopSolver solver(find_circulation_set("wiggers-healthy-0d").loop, {});
+  CirculationValues state = solver.loop().initial;
+  LimitCycleSettings settings;
+  settings.distance = 1e-8;
+  solver.to_limit_cycle(state, settings);
+  Table trace = circulation_table();
+  solver.beat(state, 1e-3, &trace);
+  const auto range = [&](const char* name) {
+    const auto& v = trace.at(name).values;
+    return std::pair(*std::min_element(v.begin(), v.end()), *std::max_element(v.begin(), v.end()));
+  };
+  const auto mean = [&](const char* name) {
+    const auto& v = trace.at(name).values;
+    double sum = 0;
+    for (std::size_t k = 1; k < v.size(); ++k) sum += 0.5 * (v[k] + v[k - 1]);
+    return sum / static_cast<double>(v.size() - 1);
+  };
+  const auto [diastolic, systolic] = range("p_AR_SYS");
+  CHECK((systolic > 110 && systolic < 130));
+  CHECK((diastolic > 65 && diastolic < 85));
+  CHECK((mean("p_LA") > 6 && mean("p_LA") < 12));
+  CHECK((mean("p_AR_PUL") > 10 && mean("p_AR_PUL") < 20));
+  const auto [ESV, EDV] = range("V_LV");
+  CHECK((100 * (EDV - ESV) / EDV > 50 && 100 * (EDV - ESV) / EDV < 70));
+}
+
+TEST_CASE("loop files: tables, names of sets for tables, and refusals") {
+  const auto read = [](const std::string& text) {
+    SettingsReader reader(parse_settings_text(text, "loop.toml"), "loop.toml");
+    return read_loop(reader);
+  };
+  const Loop named = read("elastance = \"baseline75\"\ninitial = \"baseline75\"\n[circuit]\nSYS = \"fedele2023\"\n");
+  CHECK(named.elastance[LV].EA == 3.35);
+  CHECK(named.circulation.circuits[SYS].R_AR == 0.48);
+  CHECK(named.initial[p_VEN_SYS] == 40);
+  const Loop based = read("[elastance.LV]\nparameters = \"baseline75\"\nEA = 5.0\n");
+  CHECK(based.elastance[LV].EA == 5);
+  CHECK(based.elastance[LV].V0 == 42);
+  CHECK_THROWS_WITH(read("[circuit.SYS]\nC_AR = -1.0\n"), Catch::Contains("C_AR = -1") && Catch::Contains("circuit.SYS"));
+  CHECK_THROWS_WITH(read("[elastance.LV]\nTC = 0.5\nTR = 0.4\n"), Catch::Contains("TC + TR"));
+  CHECK_THROWS_WITH(read("[elastance.VL]\nEA = 1.0\n"), Catch::Contains("did you mean 'LV'"));
+  CHECK_THROWS_WITH(read("valve_law = \"diod\"\n"), Catch::Contains("did you mean 'diode'"));
+  CHECK_THROWS_WITH(read("elastance = \"baseline\"\n"), Catch::Contains("baseline75"));
+  CHECK_THROWS_WITH(read("[valves.AV]\nRmin = 1.0\nRmax = 0.5\n"), Catch::Contains("below Rmin"));
+  CHECK_THROWS_WITH(read("[initial]\ntotal_volume = 2700\np_VEN_SYS = 30\n"), Catch::Contains("not both"));
+  CHECK_THROWS_WITH(read("period_s = \"long\"\n"), Catch::Contains("must be a number"));
+}
+
+TEST_CASE("random parameters end in a beat or in words, never in NaN") {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> exponent(-1, 1);
+  int good = 0;
+  for (int draw = 0; draw < 60; ++draw) {
+    Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
+    const auto scale = [&](double decades) { return std::pow(10, decades * exponent(random)); };
+    for (ValveParameters& valve : loop.circulation.valves) valve.Rmin *= scale(1.5);
+    for (CircuitParameters& circuit : loop.circulation.circuits) {
+      circuit.C_AR *= scale(1);
+      circuit.C_VEN *= scale(1);
+      circuit.R_AR *= scale(1);
+    }
+    for (ElastanceParameters& e : loop.elastance) e.EA *= scale(1);
+    const LoopSolver solver(loop, {});
+    CirculationValues state = loop.initial;
+    try {
+      for (int beat = 0; beat < 2; ++beat) solver.beat(state);
+      for (double value : state) REQUIRE(std::isfinite(value));
+      ++good;
+    } catch (const NumericalFailure& failure) {
+      CHECK(std::string(failure.what()).size() > 40);
+    }
+  }
+  CHECK(good >= 55);
+}

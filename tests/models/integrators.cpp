@@ -1,0 +1,118 @@
+// Integrators on the cell models: reference action potentials, orders, stimulus edges, failures.
+#include <catch2/catch.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include <wiggers/cellmodels/pacing.hpp>
+#include <wiggers/core/cvode.hpp>
+#include <wiggers/core/errors.hpp>
+
+#include "figures.hpp"
+
+using namespace wiggers;
+
+namespace {
+struct Trace {
+  std::vector<double> t;
+  std::vector<std::vector<double>> y;
+};
+Trace one_beat(const CellModel& model, const PacingProtocol& protocol, const CellIntegrator& integrator,
+               double sample_ms) {
+  PacedCell cell(model, model.parameter_values("default"), protocol, integrator);
+  std::vector<double> state = model.default_state();
+  Trace trace;
+  cell.beat(state, sample_ms, [&](double t, const double* y, double) {
+    trace.t.push_back(t);
+    trace.y.emplace_back(y, y + state.size());
+  });
+  return trace;
+}
+void compare(const char* name, const Table& table) {
+  const CellModel& model = find_model(name);
+  const Trace trace = one_beat(model, {1000, model.default_stimulus}, {"cvode", 1e-8, 1e-10, 0.02}, 1);
+  REQUIRE(trace.t.size() == 1001);
+  for (std::size_t k = 0; k < table.n_rows(); ++k) {
+    const auto row = static_cast<std::size_t>(std::lround(table.at("t").values[k]));
+    INFO(name << " t " << row << " ms");
+    CHECK(std::abs(trace.y[row][model.membrane_potential] - table.at("V").values[k]) <= 1e-3);
+    const double calcium = table.at("Ca_i").values[k];
+    CHECK(std::abs(trace.y[row][model.cytosolic_calcium] - calcium) <= 1e-5 * calcium);
+  }
+}
+}  // namespace
+
+TEST_CASE("first action potentials against the reference") {
+  for (const auto& [name, file] : {std::pair{"crn", "crn"}, {"ttp06-endo", "ttp06_endo"}, {"ttp06-mid", "ttp06_mid"},
+                                   {"ttp06-epi", "ttp06_epi"}}) {
+    compare(name, data_table(fmt::format("cell/{}_ap.csv", file)));
+    const std::string full = fmt::format("cell/{0}/{0}_ap_1hz_beat1.csv", file);
+    if (have_reference(full)) compare(name, reference_table(full));
+  }
+}
+
+TEST_CASE("fixed-step schemes have their order on a smooth window and on the whole beat") {
+  struct Scheme {
+    const char* name;
+    double order;
+  };
+  // Nominal orders; TTP06 after the upstroke (t > 50 ms) at 1 Hz. The bound is 0.2 of the order.
+  const CellModel& model = find_model("ttp06-endo");
+  const PacingProtocol protocol{400, model.default_stimulus};
+  const Trace exact = one_beat(model, protocol, {"cvode", 1e-11, 1e-13, 0.02}, 10);
+  for (const Scheme& scheme : {Scheme{"rush-larsen", 1}, {"rush-larsen-2", 2}, {"bdf2-imex", 2}}) {
+    std::vector<double> errors;
+    for (double dt : {0.02, 0.01, 0.005}) {
+      const Trace trace = one_beat(model, protocol, {scheme.name, 1e-8, 1e-10, dt}, 10);
+      double error = 0;
+      for (std::size_t k = 5; k < trace.t.size(); ++k)
+        error = std::max(error, std::abs(trace.y[k][0] - exact.y[k][0]));
+      errors.push_back(error);
+    }
+    INFO(scheme.name << " errors " << errors[0] << " " << errors[1] << " " << errors[2]);
+    CHECK(std::log2(errors[1] / errors[2]) == Approx(scheme.order).margin(0.2));
+  }
+}
+
+TEST_CASE("forward Euler is stable where it should be and fails in words where it should not") {
+  const CellModel& model = find_model("ttp06-endo");
+  const PacingProtocol protocol{100, model.default_stimulus};
+  CHECK_NOTHROW(one_beat(model, protocol, {"forward-euler", 1e-8, 1e-10, 0.001}, 1));
+  CHECK_THROWS_WITH(one_beat(model, protocol, {"forward-euler", 1e-8, 1e-10, 0.02}, 1),
+                    Catch::Contains("left its physical range") && Catch::Contains("forward-euler"));
+}
+
+TEST_CASE("the stimulus delivers its charge for any step and sampling") {
+  // With all conductances off, V rises by the charge of the pulse alone.
+  const CellModel& model = find_model("ttp06-endo");
+  std::vector<double> parameters = model.parameter_values("default");
+  for (std::size_t i = 0; i < parameters.size(); ++i)
+    for (const char* name : {"g_Na", "g_K1", "g_to", "g_Kr", "g_Ks", "g_CaL", "g_bNa", "g_bCa", "g_pK", "g_pCa",
+                             "P_NaK", "k_NaCa"})
+      if (model.parameters[i].name == name) parameters[i] = 0;
+  for (double dt : {0.05, 0.03, 0.37})
+    for (double onset : {0.0, 10.123}) {
+      PacedCell cell(model, parameters, {100, {-25.71, 3, onset}}, {"rush-larsen", 1e-8, 1e-10, dt});
+      std::vector<double> state = model.default_state();
+      const double before = state[0];
+      cell.beat(state, 1, [](double, const double*, double) {});
+      CHECK(state[0] - before == Approx(3 * 25.71).epsilon(1e-10));
+    }
+}
+
+TEST_CASE("protocols that make no sense are refused before any work") {
+  const CellModel& model = find_model("crn");
+  const auto make = [&](PacingProtocol protocol, CellIntegrator integrator) {
+    PacedCell(model, model.parameter_values("default"), protocol, integrator);
+  };
+  CHECK_THROWS_WITH(make({2, {-20, 2, 0}}, {}), Catch::Contains("not longer than the stimulus"));
+  CHECK_THROWS_AS(make({-5, {-20, 2, 0}}, {}), InputError);
+  CHECK_THROWS_AS(make({1000, {-20, -2, 0}}, {}), InputError);
+  CHECK_THROWS_AS(make({1000, {std::nan(""), 2, 0}}, {}), InputError);
+  CHECK_THROWS_WITH(make({1000, {-20, 2, 0}}, {"rush-larson", 1e-8, 1e-10, 0.02}),
+                    Catch::Contains("did you mean 'rush-larsen'"));
+  CHECK_THROWS_AS(make({1000, {-20, 2, 0}}, {"rush-larsen", 1e-8, 1e-10, 0}), InputError);
+  CHECK_THROWS_AS(make({1000, {-20, 2, 0}}, {"cvode", 0, 1e-10, 0}), InputError);
+}

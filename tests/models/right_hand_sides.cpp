@@ -1,0 +1,212 @@
+// Every derivative, current, tension and stiffness against independent evaluations; Jacobians; invariants.
+#include <catch2/catch.hpp>
+
+#include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
+
+#include <wiggers/cellmodels/catalogue.hpp>
+#include <wiggers/cellmodels/crn.hpp>
+#include <wiggers/cellmodels/rdq20.hpp>
+#include <wiggers/cellmodels/ttp06.hpp>
+#include <wiggers/core/dual.hpp>
+
+#include "figures.hpp"
+
+using namespace wiggers;
+
+namespace {
+
+struct Case {
+  const char* model;
+  const char* set;
+  const char* file;
+};
+const Case ionic_cases[] = {{"crn", "default", "crn"},
+                            {"ttp06-endo", "default", "ttp06_endo"},
+                            {"ttp06-mid", "default", "ttp06_mid"},
+                            {"ttp06-epi", "default", "ttp06_epi"}};
+const Case force_cases[] = {{"rdq20", "human37", "human37"},
+                            {"rdq20", "fedele2023-ventricles", "ventricle"},
+                            {"rdq20", "fedele2023-atria", "atrium"}};
+
+struct Row {
+  std::vector<double> y, in;
+};
+Row row_of(const CellModel& model, const Table& table, std::size_t row) {
+  Row r;
+  for (const Quantity& q : model.states) r.y.push_back(table.at(q.name).values[row]);
+  for (const Quantity& q : model.inputs) r.in.push_back(table.at(q.name).values[row]);
+  return r;
+}
+
+}  // namespace
+
+TEST_CASE("derivatives of the ionic models at every reference state") {
+  for (const Case& c : ionic_cases) {
+    const CellModel& model = find_model(c.model);
+    const Table table = data_table(fmt::format("cell/{}_rhs.csv", c.file));
+    REQUIRE(table.n_rows() >= 32);
+    const auto parameters = model.parameter_values(c.set);
+    std::vector<double> rates(model.states.size()), currents(model.observables.size());
+    for (std::size_t k = 0; k < table.n_rows(); ++k) {
+      const Row row = row_of(model, table, k);
+      model.evaluate(row.y.data(), row.in.data(), parameters.data(), rates.data(), currents.data());
+      for (std::size_t i = 0; i < rates.size(); ++i) {
+        const double reference = table.at(fmt::format("d{}/dt", model.states[i].name)).values[k];
+        INFO(c.model << " row " << k << " state " << model.states[i].name);
+        CHECK(std::abs(rates[i] - reference) <= 1e-9 * std::abs(reference) + 1e-13);
+      }
+    }
+  }
+}
+
+TEST_CASE("currents and fluxes of the ionic models at every reference state") {
+  for (const Case& c : ionic_cases) {
+    const CellModel& model = find_model(c.model);
+    const Table states = data_table(fmt::format("cell/{}_rhs.csv", c.file));
+    const Table table = data_table(fmt::format("cell/{}_rhs_currents.csv", c.file));
+    REQUIRE(table.n_rows() == states.n_rows());
+    const auto parameters = model.parameter_values(c.set);
+    std::vector<double> rates(model.states.size()), currents(model.observables.size());
+    for (std::size_t k = 0; k < table.n_rows(); ++k) {
+      const Row row = row_of(model, states, k);
+      model.evaluate(row.y.data(), row.in.data(), parameters.data(), rates.data(), currents.data());
+      for (std::size_t i = 0; i < currents.size(); ++i) {
+        const double reference = table.at(model.observables[i].name).values[k];
+        INFO(c.model << " row " << k << " " << model.observables[i].name);
+        CHECK(std::abs(currents[i] - reference) <= 1e-9 * std::abs(reference) + 1e-300);
+      }
+    }
+  }
+}
+
+TEST_CASE("derivatives, tension and stiffness of RDQ20 at every reference state") {
+  const CellModel& model = find_model("rdq20");
+  for (const Case& c : force_cases) {
+    const Table table = data_table(fmt::format("cell/rdq20_{}_rhs.csv", c.file));
+    const auto parameters = model.parameter_values(c.set);
+    std::vector<double> rates(model.states.size()), outputs(model.observables.size());
+    for (std::size_t k = 0; k < table.n_rows(); ++k) {
+      const Row row = row_of(model, table, k);
+      model.evaluate(row.y.data(), row.in.data(), parameters.data(), rates.data(), outputs.data());
+      double largest = 0;
+      for (const Quantity& q : model.states)
+        largest = std::max(largest, std::abs(table.at(fmt::format("d{}/dt", q.name)).values[k]));
+      // Row 1 is a steady state: its derivative is rounding noise.
+      const double bound = k == 1 ? 1e-11 : 1e-12 * largest;
+      for (std::size_t i = 0; i < rates.size(); ++i) {
+        INFO(c.set << " row " << k << " state " << model.states[i].name);
+        CHECK(std::abs(rates[i] - table.at(fmt::format("d{}/dt", model.states[i].name)).values[k]) <= bound);
+      }
+      for (std::size_t i = 0; i < outputs.size(); ++i) {
+        INFO(c.set << " row " << k << " " << model.observables[i].name);
+        CHECK(outputs[i] == Approx(table.at(model.observables[i].name).values[k]).epsilon(1e-9));
+      }
+    }
+  }
+}
+
+TEST_CASE("filament overlap against the reference table, kinks included") {
+  if (!have_reference("cell/rdq20mf/rdq20mf_overlap.csv")) {
+    WARN("full reference not at hand: skipped");
+    return;
+  }
+  const Table table = reference_table("cell/rdq20mf/rdq20mf_overlap.csv");
+  const auto p = defaults_of(Rdq20::parameters);
+  for (std::size_t k = 0; k < table.n_rows(); ++k)
+    CHECK(Rdq20::overlap(table.columns[0].values[k], p.data()) == Approx(table.columns[1].values[k]).margin(1e-12));
+}
+
+TEST_CASE("exact Jacobians agree with differences") {
+  for (const CellModel* model : catalogue()) {
+    const auto parameters = model->parameter_values(model->parameter_sets.front().name);
+    std::vector<double> y = model->default_state();
+    if (!model->is_ionic())
+      for (int i = 0; i < 16; ++i) y[i] = 0.04 + 0.0025 * i;  // inside the simplex, no symmetry
+    if (model->is_ionic()) y[model->membrane_potential] = -22.3;
+    const std::size_t n = y.size();
+    std::vector<double> in;
+    for (const Quantity& q : model->inputs) in.push_back(q.default_value);
+    if (!model->is_ionic()) in[2] = -0.7;
+    std::vector<double> jacobian(n * n), up(n), down(n);
+    model->jacobian(y.data(), in.data(), parameters.data(), jacobian.data());
+    for (std::size_t column = 0; column < n; ++column) {
+      const double h = 1e-6 * std::max(1e-4, std::abs(y[column]));
+      std::vector<double> yp = y, ym = y;
+      yp[column] += h;
+      ym[column] -= h;
+      model->evaluate(yp.data(), in.data(), parameters.data(), up.data(), nullptr);
+      model->evaluate(ym.data(), in.data(), parameters.data(), down.data(), nullptr);
+      double scale = 1e-6;
+      for (std::size_t row = 0; row < n; ++row) scale = std::max(scale, std::abs(jacobian[row + n * column]));
+      for (std::size_t row = 0; row < n; ++row) {
+        INFO(model->name << " d(" << model->states[row].name << ")/d(" << model->states[column].name << ")");
+        CHECK(jacobian[row + n * column] == Approx((up[row] - down[row]) / (2 * h)).epsilon(1e-5).margin(1e-6 * scale));
+      }
+    }
+  }
+}
+
+namespace {
+// d(invariant)/dt along the flow, over the largest of its terms.
+template <class Model>
+double invariant_rate(const Table& table, std::size_t row) {
+  using D = Dual<static_cast<int>(Model::states.size())>;
+  const CellModel& model = find_model(Model::name);
+  const Row r = row_of(model, table, row);
+  const auto parameters = defaults_of(Model::parameters);
+  std::vector<double> rates(r.y.size());
+  model.evaluate(r.y.data(), r.in.data(), parameters.data(), rates.data(), nullptr);
+  std::vector<D> y;
+  for (std::size_t i = 0; i < r.y.size(); ++i) y.push_back(D::variable(r.y[i], static_cast<int>(i)));
+  const D Q = Model::invariant(y.data(), Model::constants(parameters.data()));
+  double sum = 0, largest = 0;
+  for (std::size_t i = 0; i < r.y.size(); ++i) {
+    sum += Q.derivative[i] * rates[i];
+    largest = std::max(largest, std::abs(Q.derivative[i] * rates[i]));
+  }
+  return std::abs(sum) / largest;
+}
+}  // namespace
+
+TEST_CASE("charge is an exact invariant of the equations, with and without stimulus") {
+  const Table crn = data_table("cell/crn_rhs.csv"), endo = data_table("cell/ttp06_endo_rhs.csv"),
+              mid = data_table("cell/ttp06_mid_rhs.csv"), epi = data_table("cell/ttp06_epi_rhs.csv");
+  for (std::size_t k = 0; k < crn.n_rows(); ++k) CHECK(invariant_rate<Crn>(crn, k) < 1e-13);
+  for (std::size_t k = 0; k < endo.n_rows(); ++k) {
+    CHECK(invariant_rate<Ttp06<Ttp06Type::endo>>(endo, k) < 1e-13);
+    CHECK(invariant_rate<Ttp06<Ttp06Type::mid>>(mid, k) < 1e-13);
+    CHECK(invariant_rate<Ttp06<Ttp06Type::epi>>(epi, k) < 1e-13);
+  }
+}
+
+TEST_CASE("right-hand sides are finite at every corner of the state space") {
+  for (const CellModel* model : catalogue()) {
+    if (!model->is_ionic()) continue;
+    const auto parameters = model->parameter_values("default");
+    std::vector<double> rates(model->states.size());
+    const double no_stimulus[1] = {0};
+    for (double V : {-120.0, -47.13, -40.0, -14.1, -10.0, 0.0, 3.3328, 7.9, 15.0, 19.9, 80.0})
+      for (double gates : {0.0, 1.0})
+        for (double concentration : {0.01, 1.0, 20.0}) {
+          std::vector<double> y = model->default_state();
+          for (std::size_t i = 0; i < y.size(); ++i) {
+            if (model->states[i].unit == "1") y[i] = gates;
+            if (model->states[i].unit == "mM") y[i] *= concentration;
+          }
+          y[model->membrane_potential] = V;
+          model->evaluate(y.data(), no_stimulus, parameters.data(), rates.data(), nullptr);
+          for (std::size_t i = 0; i < y.size(); ++i) {
+            INFO(model->name << " " << model->states[i].name << " V " << V << " gates " << gates);
+            CHECK(std::isfinite(rates[i]));
+          }
+        }
+  }
+}
+
+TEST_CASE("the catalogue refuses unknown names with the nearest") {
+  CHECK_THROWS_WITH(find_model("ttp06_endo"), Catch::Contains("did you mean 'ttp06-endo'"));
+  CHECK_THROWS_WITH(find_model("rdq20").parameter_values("fedele2023"), Catch::Contains("fedele2023-"));
+}

@@ -1,0 +1,110 @@
+// The limit-cycle search on maps whose answer is known.
+#include <catch2/catch.hpp>
+
+#include <cmath>
+
+#include <wiggers/core/limit_cycle.hpp>
+
+using namespace wiggers;
+
+namespace {
+// A map with multipliers 0.99, 0.6, -0.3, slightly nonlinear, fixed point (1, 2, 3).
+std::vector<double> slow_map(const std::vector<double>& x) {
+  const double a = x[0] - 1, b = x[1] - 2, c = x[2] - 3;
+  return {1 + 0.99 * a + 0.1 * b + 1e-3 * a * a, 2 + 0.6 * b + 0.02 * a * c, 3 - 0.3 * c + 0.05 * b};
+}
+double error_of(const std::vector<double>& x) {
+  return std::max({std::abs(x[0] - 1), std::abs(x[1] - 2), std::abs(x[2] - 3)});
+}
+}  // namespace
+
+TEST_CASE("Anderson finds a slow fixed point in a fraction of plain pacing's beats; the distance is honest") {
+  int beats[2];
+  for (LimitCycleMethod method : {LimitCycleMethod::anderson, LimitCycleMethod::pacing}) {
+    LimitCycleSettings settings;
+    settings.method = method;
+    settings.distance = 1e-8;
+    settings.max_beats = 5000;
+    LimitCycleSearch search(settings, {1, 1, 1});
+    std::vector<double> x = {0, 0, 0};
+    while (search.running()) x = search.next(x, slow_map(x));
+    CHECK(search.certificate().verdict == LimitCycleVerdict::period_1);
+    CHECK(error_of(x) <= 2e-8);
+    CHECK(search.certificate().multiplier == Approx(0.99).margin(0.005));
+    beats[method == LimitCycleMethod::pacing] = search.certificate().beats;
+  }
+  CHECK(beats[0] < 30);
+  CHECK(beats[1] > 1000);
+}
+
+TEST_CASE("the change over a beat understates the distance; the certificate does not") {
+  LimitCycleSettings settings;
+  settings.method = LimitCycleMethod::pacing;
+  settings.distance = 1e-4;
+  LimitCycleSearch search(settings, {1, 1, 1});
+  std::vector<double> x = {0, 0, 0};
+  while (search.running()) x = search.next(x, slow_map(x));
+  CHECK(search.certificate().residual < 0.05 * error_of(x));
+  CHECK(search.certificate().distance > 0.8 * error_of(x));
+}
+
+TEST_CASE("a period-2 cycle is called by its name") {
+  LimitCycleSettings settings;
+  settings.method = LimitCycleMethod::pacing;
+  settings.max_beats = 400;
+  LimitCycleSearch search(settings, {1});
+  std::vector<double> x = {0.3};
+  while (search.running()) x = search.next(x, {3.2 * x[0] * (1 - x[0])});  // logistic map: stable 2-cycle
+  CHECK(search.certificate().verdict == LimitCycleVerdict::period_2);
+}
+
+TEST_CASE("a drifting map is not called a cycle") {
+  LimitCycleSettings settings;
+  settings.method = LimitCycleMethod::pacing;
+  settings.max_beats = 100;
+  LimitCycleSearch search(settings, {1});
+  std::vector<double> x = {0};
+  while (search.running()) x = search.next(x, {x[0] + 1e-3});
+  CHECK(search.certificate().verdict == LimitCycleVerdict::not_converged);
+}
+
+TEST_CASE("a search restored from its numbers goes on bit for bit") {
+  const LimitCycleSettings settings;
+  LimitCycleSearch through(settings, {1, 1, 1});
+  std::vector<double> x = {0, 0, 0}, saved, x_saved;
+  for (int beat = 0; through.running(); ++beat) {
+    if (beat == 9) {
+      saved = through.save();
+      x_saved = x;
+    }
+    x = through.next(x, slow_map(x));
+  }
+  REQUIRE_FALSE(saved.empty());
+  LimitCycleSearch resumed(settings, {1, 1, 1});
+  resumed.restore(saved);
+  std::vector<double> y = x_saved;
+  while (resumed.running()) y = resumed.next(y, slow_map(y));
+  CHECK(y == x);
+  CHECK(resumed.certificate().distance == through.certificate().distance);
+}
+
+TEST_CASE("a positive component is never proposed negative, and a failed start falls back") {
+  LimitCycleSettings settings;
+  settings.plain_beats = 2;
+  LimitCycleSearch search(settings, {1}, {true});
+  std::vector<double> x = {1};
+  bool failed = false;
+  for (int k = 0; k < 40 && search.running(); ++k) {
+    REQUIRE(x[0] > 0);
+    if (k == 6) {
+      bool recovered = false;
+      x = search.after_failure(recovered);
+      failed = recovered;
+      if (!recovered) break;
+      continue;
+    }
+    x = search.next(x, {0.5 * x[0] + 0.01 * std::sqrt(x[0])});
+  }
+  CHECK(failed);
+  CHECK(search.certificate().verdict == LimitCycleVerdict::period_1);
+}
