@@ -4,6 +4,8 @@
 #   make test        the same from nothing, and run all tests
 #   make build       install and build; the command is build/wiggers
 #   make nightly     the long tests: sanitizers, minimal build, formatting, benchmarks
+#   make reference   write docs/reference from the models' own fact sheets
+#   make format      format the C++ sources
 #   make help        these lines
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
@@ -28,7 +30,7 @@ define install
 	fi
 endef
 
-.PHONY: help setup packages build test heartbeat nightly format check-format clean
+.PHONY: help setup packages build test heartbeat nightly format check-format reference clean
 help:
 	@sed -n 's/^#   //p' Makefile
 
@@ -70,6 +72,11 @@ nightly: setup
 	@cmake --preset minimal && cmake --build build-minimal -j $(JOBS) && ctest --test-dir build-minimal --output-on-failure -j $(JOBS)
 	@$(MAKE) --no-print-directory test
 	@$(BUILD)/bench_heart
+
+reference: build
+	@mkdir -p docs/reference
+	@for m in crn ttp06-endo ttp06-mid ttp06-epi rdq20 circulation; do \
+	  { $(BUILD)/wiggers models $$m; if [ $$m = circulation ]; then $(BUILD)/wiggers models $$m --sets; fi; } > docs/reference/$$m.txt; done
 
 SOURCES := $(shell git ls-files '*.cpp' '*.hpp' 2>/dev/null)
 format:

@@ -1,6 +1,5 @@
 // Cost of one beat of the reduced whole heart, of an elastance heart, of a loop, and of one cell step.
 #include <benchmark/benchmark.h>
-
 #include <sys/resource.h>
 
 #include <wiggers/cellmodels/crn.hpp>
@@ -53,7 +52,8 @@ BENCHMARK_CAPTURE(heart_beat, whole_heart_rush_larsen_2, "whole_heart.toml",
     ->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(heart_beat, whole_heart_implicit_rate, "whole_heart.toml", {"solver.stretch_rate=implicit"})
     ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(heart_beat, elastance_heart_1ms, "elastance_healthy.toml", {})->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(heart_beat, elastance_heart_1ms, "elastance_healthy.toml", {})
+    ->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(loop_beat, forward_euler_1ms, "forward-euler")->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(loop_beat, cvode_1e9, "cvode")->Unit(benchmark::kMillisecond);
 BENCHMARK_TEMPLATE(cell_step, Crn);

@@ -1,7 +1,5 @@
-#include <wiggers/cellmodels/catalogue.hpp>
-
 #include <string>
-
+#include <wiggers/cellmodels/catalogue.hpp>
 #include <wiggers/cellmodels/crn.hpp>
 #include <wiggers/cellmodels/rdq20.hpp>
 #include <wiggers/cellmodels/ttp06.hpp>
@@ -20,9 +18,12 @@ constexpr std::array<std::string_view, 4> integrator_names = {
 template <class Model, template <class, class> class Integrator>
 class StepperOf final : public CellStepper {
  public:
-  explicit StepperOf(const std::vector<double>& parameters) : constants_(Model::constants(parameters.data())) {}
+  explicit StepperOf(const std::vector<double>& parameters)
+      : constants_(Model::constants(parameters.data())) {}
   void restart() override { integrator_.restart(); }
-  void step(double h, double* y, const double* inputs) override { integrator_.step(h, y, inputs, constants_); }
+  void step(double h, double* y, const double* inputs) override {
+    integrator_.step(h, y, inputs, constants_);
+  }
 
  private:
   Integrator<Model, double> integrator_;
@@ -30,7 +31,9 @@ class StepperOf final : public CellStepper {
 };
 
 template <class Model>
-constexpr bool is_ionic_model = requires { Model::membrane_potential; };
+constexpr bool is_ionic_model = requires {
+  Model::membrane_potential;
+};
 
 template <class Model>
 class CellModelOf final : public CellModel {
@@ -54,7 +57,8 @@ class CellModelOf final : public CellModel {
     }
   }
 
-  void evaluate(const double* y, const double* in, const double* p, double* rates, double* out) const override {
+  void evaluate(const double* y, const double* in, const double* p, double* rates,
+                double* out) const override {
     const auto e = Model::template evaluate<double>(y, in, Model::constants(p));
     rates_from<Model, double>(e, y, rates);
     if (out)
@@ -136,7 +140,8 @@ std::vector<double> CellModel::parameter_values(std::string_view set) const {
   for (const ParameterSet& candidate : parameter_sets) {
     if (candidate.name == set) {
       for (std::size_t k = 0; k < candidate.n_changes; ++k)
-        values[require_index(parameters, "parameter", candidate.changes[k].name)] = candidate.changes[k].value;
+        values[require_index(parameters, "parameter", candidate.changes[k].name)] =
+            candidate.changes[k].value;
       return values;
     }
     known.emplace_back(candidate.name);

@@ -8,7 +8,6 @@
 #include <span>
 #include <string_view>
 #include <vector>
-
 #include <wiggers/cellmodels/stimulus.hpp>
 #include <wiggers/core/quantity.hpp>
 
@@ -30,7 +29,7 @@ class CellModel {
   std::span<const Quantity> states, parameters, inputs, observables;
   std::span<const ParameterSet> parameter_sets;
   std::span<const bool> is_gate;
-  int membrane_potential = -1;   // index of the state with this role, -1 if the model has none
+  int membrane_potential = -1;  // index of the state with this role, -1 if the model has none
   int cytosolic_calcium = -1;
   StimulusPulse default_stimulus;
   std::string_view invariant_meaning;  // empty: none

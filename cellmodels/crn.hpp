@@ -1,8 +1,8 @@
 // CRN: human atrial myocyte of Courtemanche, Ramirez and Nattel.
 //
 // M. Courtemanche, R. J. Ramirez, S. Nattel, "Ionic mechanisms underlying human atrial action potential
-// properties: insights from a mathematical model", Am J Physiol 275:H301-H321, 1998. Equation numbers below are
-// those of the paper's appendix. Units: ms, mV, mM, A/F, um^3.
+// properties: insights from a mathematical model", Am J Physiol 275:H301-H321, 1998. Equation numbers below
+// are those of the paper's appendix. Units: ms, mV, mM, A/F, um^3.
 //
 //            I_Na I_K1 I_to I_Kur I_Kr I_Ks I_Ca,L I_p,Ca I_NaK I_NaCa I_b,Na I_b,Ca
 //   outside ------------------------------------------------------------------------
@@ -14,14 +14,14 @@
 //  * beta_ui = exp((V - 158)/16): the printed exponent has the opposite sign, which contradicts the published
 //    time-constant curve; curators report it as a misprint.
 //  * Digits of g_Ca,L, I_NaK,max, g_Kr, g_Ks and g_b,Na are the curated ones (the paper rounds them).
-//  * The stimulus current is carried by K+ (stimulus_K_fraction = 1). Left out of every ion balance it removes
+//  * The stimulus current is carried by K+ (stimulus_K_fraction = 1). Left out of every ion balance it
+//  removes
 //    charge each beat and no limit cycle exists; set `stimulus-uncarried` offers that variant for comparison.
 //  * Rates at removable singularities take their limits, not the fallback constants of common encodings.
 // h and j rates jump at V = -40 mV (lower branch strictly below).
 #pragma once
 
 #include <array>
-
 #include <wiggers/cellmodels/facts.hpp>
 #include <wiggers/cellmodels/stimulus.hpp>
 #include <wiggers/core/evaluation.hpp>
@@ -62,17 +62,54 @@ struct Crn {
       facts::concentration("Ca_up", 1.488, "calcium of the uptake compartment"),
   };
   static_assert(well_formed(states));
-  static constexpr std::array<bool, states.size()> is_gate = {false, true, true, true, true, true, true,
-                                                              true,  true, true, true, true, true, true,
+  static constexpr std::array<bool, states.size()> is_gate = {false, true, true,  true,  true,  true,  true,
+                                                              true,  true, true,  true,  true,  true,  true,
                                                               true,  true, false, false, false, false, false};
   static constexpr int membrane_potential = V;
   static constexpr int cytosolic_calcium = Ca_i;
   static constexpr int balancing_ion = K_i;  // the invariant below is linear in it
 
   enum Parameter {
-    R, T, F, Cm, V_cell, K_o, Na_o, Ca_o, g_Na, g_K1, g_to, g_Kur, g_Kr, g_Ks, g_CaL, g_bNa, g_bCa, I_NaK_max,
-    K_m_Nai, K_m_Ko, I_NaCa_max, K_m_Na, K_m_Ca, k_sat, gamma, I_pCa_max, K_mp_Ca, I_up_max, K_up, Ca_up_max,
-    tau_tr, k_rel, CMDN_max, TRPN_max, CSQN_max, K_m_CMDN, K_m_TRPN, K_m_CSQN, K_Q10, stimulus_K_fraction
+    R,
+    T,
+    F,
+    Cm,
+    V_cell,
+    K_o,
+    Na_o,
+    Ca_o,
+    g_Na,
+    g_K1,
+    g_to,
+    g_Kur,
+    g_Kr,
+    g_Ks,
+    g_CaL,
+    g_bNa,
+    g_bCa,
+    I_NaK_max,
+    K_m_Nai,
+    K_m_Ko,
+    I_NaCa_max,
+    K_m_Na,
+    K_m_Ca,
+    k_sat,
+    gamma,
+    I_pCa_max,
+    K_mp_Ca,
+    I_up_max,
+    K_up,
+    Ca_up_max,
+    tau_tr,
+    k_rel,
+    CMDN_max,
+    TRPN_max,
+    CSQN_max,
+    K_m_CMDN,
+    K_m_TRPN,
+    K_m_CSQN,
+    K_Q10,
+    stimulus_K_fraction
   };
   static constexpr std::array parameters = {
       facts::positive("R", "J/mol/K", 8.3143, "gas constant"),
@@ -145,8 +182,9 @@ struct Crn {
   static constexpr ParameterChange uncarried[] = {{"stimulus_K_fraction", 0}};
   static constexpr std::array parameter_sets = {
       ParameterSet{"default", "curated constants of the 1998 paper; stimulus carried by K+", "1"},
-      ParameterSet{"stimulus-uncarried", "common encoding: the stimulus enters no ion balance; has no limit cycle",
-                   "1", uncarried, 1},
+      ParameterSet{"stimulus-uncarried",
+                   "common encoding: the stimulus enters no ion balance; has no limit cycle", "1", uncarried,
+                   1},
   };
 
   // Constants that follow from the parameters, computed once, not once a step.
@@ -202,9 +240,10 @@ struct Crn {
     const N Na_ratio = p[K_m_Nai] / y[Na_i];
     const N iNaK = c.pump * f_NaK / (1.0 + Na_ratio * sqrt(Na_ratio));
     const N barrier_in = exp(N((p[gamma] - 1.0) * Vm * c.FRT));
-    const N iNaCa = c.exchanger *
-                    (exp(N(p[gamma] * Vm * c.FRT)) * cube(y[Na_i]) * p[Ca_o] - barrier_in * c.Na_o_cubed * y[Ca_i]) /
-                    (1.0 + p[k_sat] * barrier_in);
+    const N iNaCa =
+        c.exchanger *
+        (exp(N(p[gamma] * Vm * c.FRT)) * cube(y[Na_i]) * p[Ca_o] - barrier_in * c.Na_o_cubed * y[Ca_i]) /
+        (1.0 + p[k_sat] * barrier_in);
     const N iBNa = p[g_bNa] * (Vm - E_Na);
     const N iBCa = p[g_bCa] * (Vm - E_Ca);
 
@@ -219,12 +258,12 @@ struct Crn {
                          N(1.0 / (0.13 * (1.0 + exp(N((Vm + 10.66) / -11.1))))));
     gate(h, h_a / (h_a + h_b), 1.0 / (h_a + h_b));
     const N j_a = select(lower_branch,
-                         N((-127140.0 * exp(N(0.2444 * Vm)) - 3.474e-5 * exp(N(-0.04391 * Vm))) * (Vm + 37.78) /
-                           (1.0 + exp(N(0.311 * (Vm + 79.23))))),
+                         N((-127140.0 * exp(N(0.2444 * Vm)) - 3.474e-5 * exp(N(-0.04391 * Vm))) *
+                           (Vm + 37.78) / (1.0 + exp(N(0.311 * (Vm + 79.23))))),
                          zero);
-    const N j_b = select(lower_branch,
-                         N(0.1212 * exp(N(-0.01052 * Vm)) / (1.0 + exp(N(-0.1378 * (Vm + 40.14))))),
-                         N(0.3 * exp(N(-2.535e-7 * Vm)) / (1.0 + exp(N(-0.1 * (Vm + 32.0))))));
+    const N j_b =
+        select(lower_branch, N(0.1212 * exp(N(-0.01052 * Vm)) / (1.0 + exp(N(-0.1378 * (Vm + 40.14))))),
+               N(0.3 * exp(N(-2.535e-7 * Vm)) / (1.0 + exp(N(-0.1 * (Vm + 32.0))))));
     gate(j, j_a / (j_a + j_b), 1.0 / (j_a + j_b));
 
     // Transient outward and ultrarapid gates (Eqs. 37-47).
@@ -252,7 +291,8 @@ struct Crn {
     const N d_arg = (Vm + 10.0) / 6.24;
     gate(d, logistic(N((Vm + 10.0) / 8.0)),
          1.0 / (0.035 * 6.24 * x_over_one_minus_exp(d_arg) * (1.0 + exp(N(-d_arg)))));
-    gate(f, logistic(N((Vm + 28.0) / -6.9)), 9.0 / (0.0197 * exp(N(-square(N(0.0337 * (Vm + 10.0))))) + 0.02));
+    gate(f, logistic(N((Vm + 28.0) / -6.9)),
+         9.0 / (0.0197 * exp(N(-square(N(0.0337 * (Vm + 10.0))))) + 0.02));
     gate(f_Ca, 1.0 / (1.0 + y[Ca_i] / 0.00035), N(2.0));
 
     // Release (Eqs. 64-70). The flux signal is in mmol/ms times 1e-12 um^3.
@@ -269,7 +309,8 @@ struct Crn {
     const N i_tr = (y[Ca_up] - y[Ca_rel]) / p[tau_tr];
     const N i_up = p[I_up_max] / (1.0 + p[K_up] / y[Ca_i]);
     const N i_leak = p[I_up_max] * y[Ca_up] / p[Ca_up_max];
-    e.derivative[V] = -(iNa + iK1 + ito + iKur + iKr + iKs + iCaL + iCaP + iNaK + iNaCa + iBNa + iBCa + in[i_stim]);
+    e.derivative[V] =
+        -(iNa + iK1 + ito + iKur + iKr + iKs + iCaL + iCaP + iNaK + iNaCa + iBNa + iBCa + in[i_stim]);
     e.derivative[Na_i] = -c.charge_to_concentration * (3.0 * iNaK + 3.0 * iNaCa + iBNa + iNa);
     e.derivative[K_i] = -c.charge_to_concentration *
                         (iK1 + ito + iKur + iKr + iKs - 2.0 * iNaK + p[stimulus_K_fraction] * in[i_stim]);
@@ -282,13 +323,14 @@ struct Crn {
     e.derivative[Ca_rel] =
         (i_tr - i_rel) / (1.0 + p[CSQN_max] * p[K_m_CSQN] / square(N(y[Ca_rel] + p[K_m_CSQN])));
 
-    e.observable = {iNa,  iK1,  ito,   iKur, iKr,  iKs,   iCaL, iCaP,
+    e.observable = {iNa,  iK1,   ito,  iKur, iKr,   iKs,  iCaL,   iCaP,
                     iNaK, iNaCa, iBNa, iBCa, i_rel, i_up, i_leak, i_tr};
     return e;
   }
 
   // Charge balance, in mV: the model keeps it exactly, with and without stimulus, if K+ carries the stimulus.
-  static constexpr std::string_view invariant_meaning = "membrane charge minus the ions' charge, over capacitance";
+  static constexpr std::string_view invariant_meaning =
+      "membrane charge minus the ions' charge, over capacitance";
   template <class P>
   static bool keeps_invariant(const P* parameter) {
     return parameter[stimulus_K_fraction] == 1.0;
@@ -299,8 +341,8 @@ struct Crn {
     const N Ca_total = y[Ca_i] + p[TRPN_max] * y[Ca_i] / (y[Ca_i] + p[K_m_TRPN]) +
                        p[CMDN_max] * y[Ca_i] / (y[Ca_i] + p[K_m_CMDN]);
     const N Ca_rel_total = y[Ca_rel] + p[CSQN_max] * y[Ca_rel] / (y[Ca_rel] + p[K_m_CSQN]);
-    return y[V] - (p[F] / p[Cm]) * (c.V_i * (y[Na_i] + y[K_i] + 2.0 * Ca_total) + 2.0 * c.V_rel * Ca_rel_total +
-                                    2.0 * c.V_up * y[Ca_up]);
+    return y[V] - (p[F] / p[Cm]) * (c.V_i * (y[Na_i] + y[K_i] + 2.0 * Ca_total) +
+                                    2.0 * c.V_rel * Ca_rel_total + 2.0 * c.V_up * y[Ca_up]);
   }
   // d(invariant) / d(balancing ion)
   template <class P>

@@ -1,17 +1,16 @@
-#include <wiggers/cellmodels/pacing.hpp>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
 #include <set>
-
-#include <fmt/format.h>
-
+#include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/errors.hpp>
 
 namespace wiggers {
 
-void check_protocol(const CellModel& model, const PacingProtocol& protocol, const CellIntegrator& integrator) {
+void check_protocol(const CellModel& model, const PacingProtocol& protocol,
+                    const CellIntegrator& integrator) {
   const double pulse_end = protocol.stimulus.onset_ms + protocol.stimulus.duration_ms;
   if (!(protocol.period_ms > 0) || !std::isfinite(protocol.period_ms))
     throw InputError(fmt::format("period = {} ms must be positive", protocol.period_ms));
@@ -22,7 +21,8 @@ void check_protocol(const CellModel& model, const PacingProtocol& protocol, cons
                                  protocol.period_ms, pulse_end));
   if (!std::isfinite(protocol.stimulus.amplitude_A_per_F) ||
       std::abs(protocol.stimulus.amplitude_A_per_F) > 1000)
-    throw InputError(fmt::format("stimulus = {} A/F is outside -1000 to 1000", protocol.stimulus.amplitude_A_per_F));
+    throw InputError(
+        fmt::format("stimulus = {} A/F is outside -1000 to 1000", protocol.stimulus.amplitude_A_per_F));
   if (integrator.name == "cvode") {
     if (!(integrator.relative_tolerance >= 1e-13 && integrator.relative_tolerance <= 1e-1))
       throw InputError(fmt::format("rtol = {} is outside 1e-13 to 0.1", integrator.relative_tolerance));
@@ -31,8 +31,8 @@ void check_protocol(const CellModel& model, const PacingProtocol& protocol, cons
   } else {
     (void)model.stepper(integrator.name, model.parameter_values(model.parameter_sets.front().name));
     if (!(integrator.dt_ms >= 1e-5 && integrator.dt_ms <= protocol.period_ms))
-      throw InputError(
-          fmt::format("dt = {} ms is outside 1e-5 to the period {} ms", integrator.dt_ms, protocol.period_ms));
+      throw InputError(fmt::format("dt = {} ms is outside 1e-5 to the period {} ms", integrator.dt_ms,
+                                   protocol.period_ms));
   }
 }
 
@@ -43,7 +43,10 @@ void make_admissible(const CellModel& model, std::vector<double>& state) {
 
 PacedCell::PacedCell(const CellModel& model, std::vector<double> parameters, PacingProtocol protocol,
                      CellIntegrator integrator)
-    : model_(model), parameters_(std::move(parameters)), protocol_(protocol), integrator_(std::move(integrator)) {
+    : model_(model),
+      parameters_(std::move(parameters)),
+      protocol_(protocol),
+      integrator_(std::move(integrator)) {
   check_protocol(model_, protocol_, integrator_);
 }
 
@@ -53,7 +56,8 @@ void PacedCell::check_range(double t, const std::vector<double>& state) const {
     const double slack = 1e-6 * (std::isfinite(q.upper) ? std::max(1.0, std::abs(q.upper)) : 1.0);
     if (!std::isfinite(state[i]) || state[i] < q.lower - slack || state[i] > q.upper + slack)
       throw NumericalFailure(fmt::format(
-          "{}: state {} = {} {} left its physical range {} to {} at t = {:.4g} ms of the beat (integrator {}{}). "
+          "{}: state {} = {} {} left its physical range {} to {} at t = {:.4g} ms of the beat (integrator "
+          "{}{}). "
           "Try a smaller step, or integrator rush-larsen or cvode.",
           model_.name, q.name, state[i], q.unit, q.lower, q.upper, t, integrator_.name,
           integrator_.name == "cvode" ? std::string() : fmt::format(", dt {} ms", integrator_.dt_ms)));
@@ -153,10 +157,10 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
     const std::function<void(const LimitCycleCertificate&)>& after_beat) {
   if (!model_.keeps_invariant(parameters_.data()))
     throw InputError(fmt::format(
-        "{}: there is no limit cycle to find: the stimulus charge is booked to no ion (stimulus_K_fraction = {}), "
+        "{}: there is no limit cycle to find: the stimulus charge is booked to no ion (stimulus_K_fraction = "
+        "{}), "
         "so the cell gains charge every beat. Set stimulus_K_fraction = 1, or pace a number of beats.",
-        model_.name,
-        parameters_[require_index(model_.parameters, "parameter", "stimulus_K_fraction")]));
+        model_.name, parameters_[require_index(model_.parameters, "parameter", "stimulus_K_fraction")]));
   if (integrator_.name == "cvode") settings.map_noise = integrator_.relative_tolerance;
   const double charge = model_.invariant(state.data(), parameters_.data());
   std::vector<bool> positive;

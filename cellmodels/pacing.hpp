@@ -4,7 +4,6 @@
 #include <functional>
 #include <string>
 #include <vector>
-
 #include <wiggers/cellmodels/catalogue.hpp>
 #include <wiggers/core/limit_cycle.hpp>
 
@@ -33,7 +32,8 @@ class PacedCell {
   // Called at t = 0, sample_ms, ... and at the end of the beat: (time in the beat [ms], state, stimulus).
   using Sampler = std::function<void(double, const double*, double)>;
 
-  // Advances `state` by one period. Throws NumericalFailure naming time and state if a state leaves its range.
+  // Advances `state` by one period. Throws NumericalFailure naming time and state if a state leaves its
+  // range.
   void beat(std::vector<double>& state, double sample_ms = 0, const Sampler& sampler = {});
 
   // Scales of the limit cycle's distance: |x0| + 1e-3, membrane potential 10 mV.

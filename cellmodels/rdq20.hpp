@@ -1,23 +1,24 @@
 // RDQ20-MF: active force, the mean-field model of Regazzoni, Dede' and Quarteroni.
 //
-// F. Regazzoni, L. Dede', A. Quarteroni, "Biophysically detailed mathematical models of multiscale cardiac active
-// mechanics", PLoS Comput Biol 16(10):e1008294, 2020 (mean-field model). Units: s, um, uM, kPa.
+// F. Regazzoni, L. Dede', A. Quarteroni, "Biophysically detailed mathematical models of multiscale cardiac
+// active mechanics", PLoS Comput Biol 16(10):e1008294, 2020 (mean-field model). Units: s, um, uM, kPa.
 //
-//   thin filament   ...[left a]---[centre b, troponin B]---[right c]...   states 0: non-permissive, 1: permissive
-//   P[a,b,c,B]      joint probability of the triplet and of the centre's calcium binding; index 8a + 4b + 2c + B
-//   mu_k,P  mu_k,N  zeroth and first moment of attached crossbridges on permissive / non-permissive units
+//   thin filament   ...[left a]---[centre b, troponin B]---[right c]...   states 0: non-permissive, 1:
+//   permissive P[a,b,c,B]      joint probability of the triplet and of the centre's calcium binding; index 8a
+//   + 4b + 2c + B mu_k,P  mu_k,N  zeroth and first moment of attached crossbridges on permissive /
+//   non-permissive units
 //
-// The flux of an outer unit is closed by conditional independence given the overlapping pair. Invariants of the
-// exact flow from the default state: sum P = 1, P[a,b,c,B] = P[c,b,a,B], P >= 0. Tension needs only S0 = mu0_P +
-// mu0_N and S1 = mu1_P + mu1_N; four moments are kept so that states can be exchanged with other codes.
+// The flux of an outer unit is closed by conditional independence given the overlapping pair. Invariants of
+// the exact flow from the default state: sum P = 1, P[a,b,c,B] = P[c,b,a,B], P >= 0. Tension needs only S0 =
+// mu0_P + mu0_N and S1 = mu1_P + mu1_N; four moments are kept so that states can be exchanged with other
+// codes.
 //
-// Parameter sets `fedele2023-*`: a_XB is printed in Pa by the whole-heart paper and stands in kPa here. Values
-// that paper does not list (mu, Q, r0, alpha, filament lengths) are those of the published mean-field model:
-// an assumption, see docs/notes.md.
+// Parameter sets `fedele2023-*`: a_XB is printed in Pa by the whole-heart paper and stands in kPa here.
+// Values that paper does not list (mu, Q, r0, alpha, filament lengths) are those of the published mean-field
+// model: an assumption, see docs/notes.md.
 #pragma once
 
 #include <array>
-
 #include <wiggers/cellmodels/facts.hpp>
 #include <wiggers/core/evaluation.hpp>
 #include <wiggers/core/numbers.hpp>
@@ -45,9 +46,21 @@ struct Rdq20 {
   static constexpr int P(int a, int b, int c, int B) { return 8 * a + 4 * b + 2 * c + B; }
 
   static constexpr std::array states = {
-      facts::triplet("P0000", 1), facts::triplet("P0001", 0), facts::triplet("P0010", 0), facts::triplet("P0011", 0), facts::triplet("P0100", 0),
-      facts::triplet("P0101", 0), facts::triplet("P0110", 0), facts::triplet("P0111", 0), facts::triplet("P1000", 0), facts::triplet("P1001", 0),
-      facts::triplet("P1010", 0), facts::triplet("P1011", 0), facts::triplet("P1100", 0), facts::triplet("P1101", 0), facts::triplet("P1110", 0),
+      facts::triplet("P0000", 1),
+      facts::triplet("P0001", 0),
+      facts::triplet("P0010", 0),
+      facts::triplet("P0011", 0),
+      facts::triplet("P0100", 0),
+      facts::triplet("P0101", 0),
+      facts::triplet("P0110", 0),
+      facts::triplet("P0111", 0),
+      facts::triplet("P1000", 0),
+      facts::triplet("P1001", 0),
+      facts::triplet("P1010", 0),
+      facts::triplet("P1011", 0),
+      facts::triplet("P1100", 0),
+      facts::triplet("P1101", 0),
+      facts::triplet("P1110", 0),
       facts::triplet("P1111", 0),
       facts::moment("mu0_P", "attached crossbridges on permissive units"),
       facts::moment("mu1_P", "their mean elongation times number"),
@@ -57,14 +70,32 @@ struct Rdq20 {
   static_assert(well_formed(states));
   static constexpr std::array<bool, states.size()> is_gate = {};
 
-  enum Parameter { LA, LM, LB, SL0, mu, Q, gamma, Kd0, alphaKd, Koff, Kbasic, mu0_fP, mu1_fP, r0, alpha, a_XB };
+  enum Parameter {
+    LA,
+    LM,
+    LB,
+    SL0,
+    mu,
+    Q,
+    gamma,
+    Kd0,
+    alphaKd,
+    Koff,
+    Kbasic,
+    mu0_fP,
+    mu1_fP,
+    r0,
+    alpha,
+    a_XB
+  };
   static constexpr std::array parameters = {
       facts::positive("LA", "um", 1.25, "length of the thin filament"),
       facts::positive("LM", "um", 1.65, "length of the thick filament"),
       facts::positive("LB", "um", 0.18, "bare zone of the thick filament"),
       Quantity{"SL0", "um", 2.2, 1.5, 3, "sarcomere length to which strain and its rate are referred"},
       facts::positive("mu", "1", 10, "calcium affinity ratio of permissive and non-permissive units"),
-      facts::positive("Q", "1", 2, "ratio of permissive to non-permissive states, calcium bound, no neighbours"),
+      facts::positive("Q", "1", 2,
+                      "ratio of permissive to non-permissive states, calcium bound, no neighbours"),
       facts::positive("gamma", "1", 12, "cooperativity between neighbouring units"),
       Quantity{"Kd0", "uM", 0.381, 1e-3, 100, "calcium dissociation constant at sarcomere length 2.15 um"},
       Quantity{"alphaKd", "uM/um", -0.571, -20, 20, "length dependence of the dissociation constant"},
@@ -89,22 +120,24 @@ struct Rdq20 {
   static constexpr std::array observables = {
       facts::output("permissivity", "1", "probability that a regulatory unit is permissive"),
       facts::output("Ta", "kPa", "active tension"),
-      facts::output("Ka", "kPa", "active stiffness: change of tension with strain SL/SL0 at attached crossbridges"),
+      facts::output("Ka", "kPa",
+                    "active stiffness: change of tension with strain SL/SL0 at attached crossbridges"),
   };
 
-  static constexpr ParameterChange rat[] = {{"Kd0", 0.835},   {"alphaKd", -1.258}, {"Koff", 120},
-                                            {"Kbasic", 24},   {"mu0_fP", 32.708},  {"mu1_fP", 0.779}};
-  static constexpr ParameterChange ventricles[] = {
-      {"SL0", 1.9},  {"gamma", 30},  {"Kd0", 0.36},      {"alphaKd", -0.2083}, {"Koff", 8},
-      {"Kbasic", 4}, {"mu0_fP", 32.225}, {"mu1_fP", 0.768}, {"a_XB", 15.0e5}};
-  static constexpr ParameterChange atria[] = {
-      {"SL0", 1.9},   {"gamma", 20},  {"Kd0", 0.865},     {"alphaKd", -1.25}, {"Koff", 180},
-      {"Kbasic", 20}, {"mu0_fP", 32.225}, {"mu1_fP", 0.768}, {"a_XB", 3.0e5}};
+  static constexpr ParameterChange rat[] = {{"Kd0", 0.835}, {"alphaKd", -1.258}, {"Koff", 120},
+                                            {"Kbasic", 24}, {"mu0_fP", 32.708},  {"mu1_fP", 0.779}};
+  static constexpr ParameterChange ventricles[] = {{"SL0", 1.9},         {"gamma", 30},     {"Kd0", 0.36},
+                                                   {"alphaKd", -0.2083}, {"Koff", 8},       {"Kbasic", 4},
+                                                   {"mu0_fP", 32.225},   {"mu1_fP", 0.768}, {"a_XB", 15.0e5}};
+  static constexpr ParameterChange atria[] = {{"SL0", 1.9},       {"gamma", 20},     {"Kd0", 0.865},
+                                              {"alphaKd", -1.25}, {"Koff", 180},     {"Kbasic", 20},
+                                              {"mu0_fP", 32.225}, {"mu1_fP", 0.768}, {"a_XB", 3.0e5}};
   static constexpr std::array parameter_sets = {
       ParameterSet{"human37", "human, body temperature: 2020 paper, mean-field calibration (default)", "1"},
       ParameterSet{"rat-room", "rat, room temperature: 2020 paper, mean-field calibration", "1", rat, 6},
-      ParameterSet{"fedele2023-ventricles", "whole-heart paper (Fedele et al. 2023), left ventricle; RV: a_XB 10.5e5 kPa",
-                   "1", ventricles, 9},
+      ParameterSet{"fedele2023-ventricles",
+                   "whole-heart paper (Fedele et al. 2023), left ventricle; RV: a_XB 10.5e5 kPa", "1",
+                   ventricles, 9},
       ParameterSet{"fedele2023-atria", "whole-heart paper (Fedele et al. 2023), atria", "1", atria, 9},
   };
 
@@ -139,7 +172,8 @@ struct Rdq20 {
     const Pn half = 0.5 * (p[LM] - p[LB]);
     const N rising = select(x <= p[LM], N((x - p[LA]) / half), N((x + p[LM] - 2.0 * p[LA]) / (2.0 * half)));
     const N falling = (p[LM] + 2.0 * p[LA] - x) / (2.0 * half);
-    const N inner = select(x <= 2.0 * p[LA] - p[LB], rising, select(x <= 2.0 * p[LA] + p[LB], N(1.0), falling));
+    const N inner =
+        select(x <= 2.0 * p[LA] - p[LB], rising, select(x <= 2.0 * p[LA] + p[LB], N(1.0), falling));
     return select(inner > 0.0, inner, N(0.0));
   }
 
@@ -172,7 +206,9 @@ struct Rdq20 {
           for (int B = 0; B < 2; ++B) {
             const int i = P(a, b, cc, B);
             const int neighbours = a + cc;
-            flux_T[i] = y[i] * (b == 1 ? c.down[neighbours] : B == 1 ? c.up_bound[neighbours] : c.up_free[neighbours]);
+            flux_T[i] = y[i] * (b == 1   ? c.down[neighbours]
+                                : B == 1 ? c.up_bound[neighbours]
+                                         : c.up_free[neighbours]);
             flux_C[i] = B == 0 ? N(y[i] * bind) : N(y[i] * (b == 0 ? p[Koff] : unbind_permissive));
           }
     // Conditional rates of the outer units, given the pair they share with the neighbouring triplet.
@@ -200,7 +236,8 @@ struct Rdq20 {
             const int ic = P(a, b, cc, 1 - B);
             const N swap_right = y[ir] * right[b][1 - cc] - y[i] * right[b][cc];
             const N swap_left = y[il] * left[1 - a][b] - y[i] * left[a][b];
-            result.derivative[i] = swap_left + (flux_T[it] - flux_T[i]) + swap_right + (flux_C[ic] - flux_C[i]);
+            result.derivative[i] =
+                swap_left + (flux_T[it] - flux_T[i]) + swap_right + (flux_C[ic] - flux_C[i]);
             if (b == 1) {
               permissive = permissive + y[i];
               flux_PN = flux_PN + flux_T[i];
@@ -232,7 +269,6 @@ struct Rdq20 {
     e.observable = {ru.permissivity, overlapped * (y[mu1_P] + y[mu1_N]), overlapped * (y[mu0_P] + y[mu0_N])};
     return e;
   }
-
 };
 
 }  // namespace wiggers

@@ -1,8 +1,7 @@
-#include <algorithm>
-#include <cmath>
-
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cmath>
 #include <wiggers/cellmodels/catalogue.hpp>
 #include <wiggers/cellmodels/rdq20_stepper.hpp>
 #include <wiggers/core/cvode.hpp>
@@ -15,10 +14,11 @@ void check_sarcomere_length(const std::vector<double>& p, double sarcomere_lengt
   const double kd = Rdq20::dissociation_constant(sarcomere_length_um, p.data());
   if (kd > 0) return;
   const double bound = 2.15 - p[Rdq20::Kd0] / p[Rdq20::alphaKd];
-  throw InputError(fmt::format(
-      "sarcomere length SL = {} um: the calcium dissociation constant Kd0 - alphaKd (2.15 - SL) = {:.4g} uM is not "
-      "positive; with these parameters SL must stay {} {:.4g} um",
-      sarcomere_length_um, kd, p[Rdq20::alphaKd] < 0 ? "below" : "above", bound));
+  throw InputError(
+      fmt::format("sarcomere length SL = {} um: the calcium dissociation constant Kd0 - alphaKd (2.15 - SL) "
+                  "= {:.4g} uM is not "
+                  "positive; with these parameters SL must stay {} {:.4g} um",
+                  sarcomere_length_um, kd, p[Rdq20::alphaKd] < 0 ? "below" : "above", bound));
 }
 
 std::vector<double> rdq20_steady_state(const std::vector<double>& parameters, double calcium_uM,
@@ -52,9 +52,10 @@ std::vector<double> rdq20_steady_state(const std::vector<double>& parameters, do
     if (residual < 1e-11) break;
   }
   if (residual > 1e-6)
-    throw NumericalFailure(fmt::format(
-        "no steady state of {} at calcium {} uM, sarcomere length {} um: the largest rate is still {:.2g} 1/s",
-        model.name, calcium_uM, sarcomere_length_um, residual));
+    throw NumericalFailure(
+        fmt::format("no steady state of {} at calcium {} uM, sarcomere length {} um: the largest rate is "
+                    "still {:.2g} 1/s",
+                    model.name, calcium_uM, sarcomere_length_um, residual));
   return y;
 }
 

@@ -7,7 +7,6 @@
 
 #include <cmath>
 #include <vector>
-
 #include <wiggers/cellmodels/rdq20.hpp>
 
 namespace wiggers {
@@ -21,8 +20,8 @@ class Rdq20Stepper {
   const Constants& constants() const { return constants_; }
 
   // Advances the probabilities y[0..15] over dt (s) in n_substeps; returns the rates the crossbridges need.
-  Rdq20::Regulation<double> step_regulation(double* y, double calcium_uM, double sarcomere_length_um, double dt,
-                                            int n_substeps) const {
+  Rdq20::Regulation<double> step_regulation(double* y, double calcium_uM, double sarcomere_length_um,
+                                            double dt, int n_substeps) const {
     const double h = dt / n_substeps;
     for (int k = 0; k < n_substeps; ++k) {
       const auto ru = Rdq20::regulation(y, calcium_uM, sarcomere_length_um, constants_);
@@ -31,8 +30,9 @@ class Rdq20Stepper {
     return Rdq20::regulation(y, calcium_uM, sarcomere_length_um, constants_);
   }
 
-  // Advances the moments y[16..19] exactly over dt for frozen rates and shortening velocity v = -(dSL/dt)/SL0.
-  // With r = r0 + alpha |v| and A = -r I + B, B = [[-k_PN, k_NP], [k_PN, -k_NP]], B^2 = -k B, k = k_PN + k_NP:
+  // Advances the moments y[16..19] exactly over dt for frozen rates and shortening velocity v =
+  // -(dSL/dt)/SL0. With r = r0 + alpha |v| and A = -r I + B, B = [[-k_PN, k_NP], [k_PN, -k_NP]], B^2 = -k B,
+  // k = k_PN + k_NP:
   //   exp(A t) = e^{-rt} (I + B (1 - e^{-kt})/k),   A^{-1} = -(I + B/(r + k))/r.
   void step_crossbridges(double* y, const Rdq20::Regulation<double>& ru, double shortening_velocity,
                          double dt) const {
@@ -60,8 +60,7 @@ class Rdq20Stepper {
     const Pair m0{y[Rdq20::mu0_P], y[Rdq20::mu0_N]};
     const Pair m1{y[Rdq20::mu1_P], y[Rdq20::mu1_N]};
     const Pair m0_inf = minus_inverse({p[Rdq20::mu0_fP] * ru.permissivity, 0});
-    const Pair m1_inf =
-        minus_inverse({p[Rdq20::mu1_fP] * ru.permissivity - v * m0_inf.P, -v * m0_inf.N});
+    const Pair m1_inf = minus_inverse({p[Rdq20::mu1_fP] * ru.permissivity - v * m0_inf.P, -v * m0_inf.N});
     const Pair d0 = propagate({m0.P - m0_inf.P, m0.N - m0_inf.N});
     const Pair d1 = propagate({m1.P - m1_inf.P, m1.N - m1_inf.N});
     y[Rdq20::mu0_P] = m0_inf.P + d0.P;

@@ -1,5 +1,5 @@
-// Pacing stimuli: a rectangular current pulse, repeated with a period. Times in ms, currents in A/F (negative:
-// depolarising).
+// Pacing stimuli: a rectangular current pulse, repeated with a period. Times in ms, currents in A/F
+// (negative: depolarising).
 #pragma once
 
 namespace wiggers {

@@ -1,8 +1,8 @@
 // TTP06: human ventricular myocyte of ten Tusscher and Panfilov, in endocardial, midmyocardial (M) and
 // epicardial version.
 //
-// K. H. W. J. ten Tusscher, A. V. Panfilov, "Alternans and spiral breakup in a human ventricular tissue model",
-// Am J Physiol Heart Circ Physiol 291:H1088-H1100, 2006. Units: ms, mV, mM, A/F, um^3.
+// K. H. W. J. ten Tusscher, A. V. Panfilov, "Alternans and spiral breakup in a human ventricular tissue
+// model", Am J Physiol Heart Circ Physiol 291:H1088-H1100, 2006. Units: ms, mV, mM, A/F, um^3.
 //
 //            I_Na I_K1 I_to I_Kr I_Ks I_CaL I_NaK I_NaCa I_pCa I_pK I_bCa I_bNa
 //   outside -------------------------------------------------------------------
@@ -20,7 +20,6 @@
 #pragma once
 
 #include <array>
-
 #include <wiggers/cellmodels/facts.hpp>
 #include <wiggers/cellmodels/stimulus.hpp>
 #include <wiggers/core/evaluation.hpp>
@@ -67,26 +66,78 @@ struct Ttp06 {
       facts::gate("s", by_type<type>(0.3212, 0.999998, 0.999998), "inactivation of i_to"),
       facts::gate("r", by_type<type>(2.235e-8, 2.347e-8, 2.42e-8), "activation of i_to"),
       facts::concentration("Ca_i", by_type<type>(0.00013, 0.000153, 0.000126), "free cytosolic calcium"),
-      facts::concentration("Ca_SR", by_type<type>(3.715, 4.272, 3.64), "free calcium of the sarcoplasmic reticulum"),
-      facts::concentration("Ca_ss", by_type<type>(0.00036, 0.00042, 0.00036), "free calcium of the dyadic subspace"),
+      facts::concentration("Ca_SR", by_type<type>(3.715, 4.272, 3.64),
+                           "free calcium of the sarcoplasmic reticulum"),
+      facts::concentration("Ca_ss", by_type<type>(0.00036, 0.00042, 0.00036),
+                           "free calcium of the dyadic subspace"),
       facts::gate("R_prime", by_type<type>(0.9068, 0.8978, 0.9073), "release channels not inactivated"),
       facts::concentration("Na_i", by_type<type>(10.355, 10.132, 8.604), "intracellular sodium"),
       facts::concentration("K_i", by_type<type>(138.4, 138.52, 136.89), "intracellular potassium"),
   };
   static_assert(well_formed(states));
   // R_prime has a calcium-dependent rate equation, not the gate form; it is stepped like a concentration.
-  static constexpr std::array<bool, states.size()> is_gate = {false, true, true, true, true, true,  true,
-                                                              true,  true, true, true, true, true,  false,
+  static constexpr std::array<bool, states.size()> is_gate = {false, true,  true,  true,  true, true, true,
+                                                              true,  true,  true,  true,  true, true, false,
                                                               false, false, false, false, false};
   static constexpr int membrane_potential = V;
   static constexpr int cytosolic_calcium = Ca_i;
   static constexpr int balancing_ion = K_i;
 
   enum Parameter {
-    R, T, F, Cm, V_c, V_sr, V_ss, K_o, Na_o, Ca_o, g_Na, g_K1, g_to, g_Kr, g_Ks, p_KNa, g_CaL, g_bNa, g_bCa, g_pK,
-    g_pCa, K_pCa, P_NaK, K_mK, K_mNa, k_NaCa, gamma, alpha, k_sat, K_mNai, K_mCa, V_max_up, K_up, V_rel, V_leak,
-    V_xfer, k1_prime, k2_prime, k3, k4, EC, max_sr, min_sr, Buf_c, K_buf_c, Buf_sr, K_buf_sr, Buf_ss, K_buf_ss,
-    f2_amplitude, f2_centre, f2_width, f2_slow, stimulus_K_fraction
+    R,
+    T,
+    F,
+    Cm,
+    V_c,
+    V_sr,
+    V_ss,
+    K_o,
+    Na_o,
+    Ca_o,
+    g_Na,
+    g_K1,
+    g_to,
+    g_Kr,
+    g_Ks,
+    p_KNa,
+    g_CaL,
+    g_bNa,
+    g_bCa,
+    g_pK,
+    g_pCa,
+    K_pCa,
+    P_NaK,
+    K_mK,
+    K_mNa,
+    k_NaCa,
+    gamma,
+    alpha,
+    k_sat,
+    K_mNai,
+    K_mCa,
+    V_max_up,
+    K_up,
+    V_rel,
+    V_leak,
+    V_xfer,
+    k1_prime,
+    k2_prime,
+    k3,
+    k4,
+    EC,
+    max_sr,
+    min_sr,
+    Buf_c,
+    K_buf_c,
+    Buf_sr,
+    K_buf_sr,
+    Buf_ss,
+    K_buf_ss,
+    f2_amplitude,
+    f2_centre,
+    f2_width,
+    f2_slow,
+    stimulus_K_fraction
   };
   static constexpr std::array parameters = {
       facts::positive("R", "J/mol/K", 8.314472, "gas constant"),
@@ -101,9 +152,11 @@ struct Ttp06 {
       facts::positive("Ca_o", "mM", 2, "extracellular calcium"),
       facts::non_negative("g_Na", "nS/pF", 14.838, "conductance of the fast sodium current"),
       facts::non_negative("g_K1", "nS/pF", 5.405, "conductance of the inward rectifier"),
-      facts::non_negative("g_to", "nS/pF", by_type<type>(0.073, 0.294, 0.294), "conductance of the transient outward current"),
+      facts::non_negative("g_to", "nS/pF", by_type<type>(0.073, 0.294, 0.294),
+                          "conductance of the transient outward current"),
       facts::non_negative("g_Kr", "nS/pF", 0.153, "conductance of the rapid delayed rectifier"),
-      facts::non_negative("g_Ks", "nS/pF", by_type<type>(0.392, 0.098, 0.392), "conductance of the slow delayed rectifier"),
+      facts::non_negative("g_Ks", "nS/pF", by_type<type>(0.392, 0.098, 0.392),
+                          "conductance of the slow delayed rectifier"),
       facts::non_negative("p_KNa", "1", 0.03, "relative sodium permeability of i_Ks"),
       facts::non_negative("g_CaL", "L/F/s", 0.0398, "permeability of i_CaL (3.98e-5 cm^3/ms/uF as printed)"),
       facts::non_negative("g_bNa", "nS/pF", 0.00029, "conductance of background sodium"),
@@ -174,8 +227,8 @@ struct Ttp06 {
       {"f2_amplitude", 600}, {"f2_centre", 25}, {"f2_width", 170}, {"f2_slow", 16}};
   static constexpr std::array parameter_sets = {
       ParameterSet{"default", "curated constants of the 2006 paper", "1"},
-      ParameterSet{"tau-f2-authors", "time constant of f2 as in codes that derive from the authors' program", "1",
-                   tau_f2_authors, 4},
+      ParameterSet{"tau-f2-authors", "time constant of f2 as in codes that derive from the authors' program",
+                   "1", tau_f2_authors, 4},
   };
 
   template <class P>
@@ -228,10 +281,10 @@ struct Ttp06 {
     const N iNaK = c.pump * y[Na_i] / (y[Na_i] + p[K_mNa]) /
                    (1.0 + 0.1245 * exp(N(-0.1 * Vm * c.FRT)) + 0.0353 * exp(N(-Vm * c.FRT)));
     const N barrier_in = exp(N((p[gamma] - 1.0) * Vm * c.FRT));
-    const N iNaCa =
-        c.exchanger *
-        (exp(N(p[gamma] * Vm * c.FRT)) * cube(y[Na_i]) * p[Ca_o] - barrier_in * c.Na_o_cubed * y[Ca_i] * p[alpha]) /
-        (1.0 + p[k_sat] * barrier_in);
+    const N iNaCa = c.exchanger *
+                    (exp(N(p[gamma] * Vm * c.FRT)) * cube(y[Na_i]) * p[Ca_o] -
+                     barrier_in * c.Na_o_cubed * y[Ca_i] * p[alpha]) /
+                    (1.0 + p[k_sat] * barrier_in);
     const N ipCa = p[g_pCa] * y[Ca_i] / (p[K_pCa] + y[Ca_i]);
     const N ipK = p[g_pK] * (Vm - E_K) * logistic(N((Vm - 25.0) / 5.98));
     const N ibNa = p[g_bNa] * (Vm - E_Na);
@@ -248,12 +301,12 @@ struct Ttp06 {
                          N(0.77 / (0.13 * (1.0 + exp(N((Vm + 10.66) / -11.1))))));
     gate(h, hj_steady, 1.0 / (h_a + h_b));
     const N j_a = select(lower_branch,
-                         N((-25428.0 * exp(N(0.2444 * Vm)) - 6.948e-6 * exp(N(-0.04391 * Vm))) * (Vm + 37.78) /
-                           (1.0 + exp(N(0.311 * (Vm + 79.23))))),
+                         N((-25428.0 * exp(N(0.2444 * Vm)) - 6.948e-6 * exp(N(-0.04391 * Vm))) *
+                           (Vm + 37.78) / (1.0 + exp(N(0.311 * (Vm + 79.23))))),
                          zero);
-    const N j_b = select(lower_branch,
-                         N(0.02424 * exp(N(-0.01052 * Vm)) / (1.0 + exp(N(-0.1378 * (Vm + 40.14))))),
-                         N(0.6 * exp(N(0.057 * Vm)) / (1.0 + exp(N(-0.1 * (Vm + 32.0))))));
+    const N j_b =
+        select(lower_branch, N(0.02424 * exp(N(-0.01052 * Vm)) / (1.0 + exp(N(-0.1378 * (Vm + 40.14))))),
+               N(0.6 * exp(N(0.057 * Vm)) / (1.0 + exp(N(-0.1 * (Vm + 32.0))))));
     gate(j, hj_steady, 1.0 / (j_a + j_b));
     gate(Xr1, logistic(N((Vm + 26.0) / 7.0)),
          450.0 * logistic(N((Vm + 45.0) / 10.0)) * 6.0 / (1.0 + exp(N((Vm + 30.0) / 11.5))));
@@ -305,8 +358,8 @@ struct Ttp06 {
         free_share(y[Ca_ss], p[Buf_ss], p[K_buf_ss]) *
         (-0.5 * p[Cm] / (p[V_ss] * p[F]) * iCaL + i_rel * (p[V_sr] / p[V_ss]) - i_xfer * (p[V_c] / p[V_ss]));
     e.derivative[Na_i] = -c.charge_to_concentration * (iNa + ibNa + 3.0 * iNaK + 3.0 * iNaCa);
-    e.derivative[K_i] = -c.charge_to_concentration * (iK1 + ito + iKr + iKs + ipK - 2.0 * iNaK +
-                                                      p[stimulus_K_fraction] * in[i_stim]);
+    e.derivative[K_i] = -c.charge_to_concentration *
+                        (iK1 + ito + iKr + iKs + ipK - 2.0 * iNaK + p[stimulus_K_fraction] * in[i_stim]);
 
     e.observable = {iNa,  iK1, ito,  iKr,  iKs,   iCaL, iNaK,   iNaCa,
                     ipCa, ipK, ibCa, ibNa, i_rel, i_up, i_leak, i_xfer};
@@ -314,7 +367,8 @@ struct Ttp06 {
   }
 
   // Charge balance, in mV: an exact invariant, with and without stimulus, if K+ carries the stimulus.
-  static constexpr std::string_view invariant_meaning = "membrane charge minus the ions' charge, over capacitance";
+  static constexpr std::string_view invariant_meaning =
+      "membrane charge minus the ions' charge, over capacitance";
   template <class P>
   static bool keeps_invariant(const P* parameter) {
     return parameter[stimulus_K_fraction] == 1.0;
@@ -325,10 +379,9 @@ struct Ttp06 {
     const auto total = [](const N& calcium, const P& buffer, const P& half) {
       return N(calcium + buffer * calcium / (calcium + half));
     };
-    return y[V] - (p[F] / p[Cm]) *
-                      (p[V_c] * (y[Na_i] + y[K_i] + 2.0 * total(y[Ca_i], p[Buf_c], p[K_buf_c])) +
-                       2.0 * p[V_sr] * total(y[Ca_SR], p[Buf_sr], p[K_buf_sr]) +
-                       2.0 * p[V_ss] * total(y[Ca_ss], p[Buf_ss], p[K_buf_ss]));
+    return y[V] - (p[F] / p[Cm]) * (p[V_c] * (y[Na_i] + y[K_i] + 2.0 * total(y[Ca_i], p[Buf_c], p[K_buf_c])) +
+                                    2.0 * p[V_sr] * total(y[Ca_SR], p[Buf_sr], p[K_buf_sr]) +
+                                    2.0 * p[V_ss] * total(y[Ca_ss], p[Buf_ss], p[K_buf_ss]));
   }
   template <class P>
   static P invariant_slope(const Constants<P>& c) {

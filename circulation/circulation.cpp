@@ -1,9 +1,7 @@
-#include <wiggers/circulation/circulation.hpp>
-
-#include <algorithm>
-
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <wiggers/circulation/circulation.hpp>
 #include <wiggers/circulation/elastance.hpp>
 #include <wiggers/core/errors.hpp>
 
@@ -40,10 +38,11 @@ double largest_explicit_step(const CirculationParameters& c) {
 
 void check_elastance(const ElastanceParameters& e, double period, const char* place) {
   if (e.TC + e.TR > period * (1 + 1e-12))
-    throw InputError(fmt::format(
-        "{}: TC + TR = {} s is longer than the period, {} s: the chamber would start to contract before it has "
-        "relaxed. Shorten TC or TR.",
-        place, e.TC + e.TR, period));
+    throw InputError(
+        fmt::format("{}: TC + TR = {} s is longer than the period, {} s: the chamber would start to contract "
+                    "before it has "
+                    "relaxed. Shorten TC or TR.",
+                    place, e.TC + e.TR, period));
 }
 
 }  // namespace wiggers

@@ -12,7 +12,6 @@
 
 #include <array>
 #include <string_view>
-
 #include <wiggers/circulation/names.hpp>
 #include <wiggers/circulation/valves.hpp>
 #include <wiggers/core/quantity.hpp>
@@ -65,13 +64,14 @@ std::array<T, n_valves> valve_flows(const CirculationParameters& c, const T* p, 
   const auto flow = [&](int valve, const T& p1, const T& p2) {
     return valve_flow<T>(c.valve_law, c.valves[valve], c.tanh_steepness, p1, p2);
   };
-  return {flow(MV, p[LA], p[LV]), flow(AV, p[LV], p_ar_sys), flow(TV, p[RA], p[RV]), flow(PV, p[RV], p_ar_pul)};
+  return {flow(MV, p[LA], p[LV]), flow(AV, p[LV], p_ar_sys), flow(TV, p[RA], p[RV]),
+          flow(PV, p[RV], p_ar_pul)};
 }
 
 // Time derivatives of the twelve states for given chamber pressures and valve flows.
 template <class T>
-void circulation_rates(const CirculationParameters& c, const T* y, const T* p, const std::array<T, n_valves>& Q,
-                       T* dy) {
+void circulation_rates(const CirculationParameters& c, const T* y, const T* p,
+                       const std::array<T, n_valves>& Q, T* dy) {
   const CircuitParameters& s = c.circuits[SYS];
   const CircuitParameters& l = c.circuits[PUL];
   dy[V_LA] = y[Q_VEN_PUL] - Q[MV];

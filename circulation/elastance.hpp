@@ -2,13 +2,12 @@
 //
 // phi rises from 0 to 1 by half a cosine over TC from tC, falls back over TR, and is 0 for the rest of the
 // period (TC + TR <= period). It is C1; its second derivative jumps at tC, tC + TC and tC + TC + TR, where
-// integrators restart. EA is the amplitude: the peak elastance is EA + EB. (Regazzoni et al. 2022, circulation
-// appendix.)
+// integrators restart. EA is the amplitude: the peak elastance is EA + EB. (Regazzoni et al. 2022,
+// circulation appendix.)
 #pragma once
 
 #include <array>
 #include <cmath>
-
 #include <wiggers/core/quantity.hpp>
 
 namespace wiggers {

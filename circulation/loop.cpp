@@ -1,11 +1,9 @@
-#include <wiggers/circulation/loop.hpp>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
 #include <set>
-
-#include <fmt/format.h>
-
+#include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
@@ -28,10 +26,10 @@ void loop_rates(const Loop& loop, double t, const T* y, T* dy) {
 void check_state(const double* y, double t) {
   for (int k = 0; k < n_circulation_states; ++k)
     if (!std::isfinite(y[k]) || std::abs(y[k]) > 1e6)
-      throw NumericalFailure(fmt::format("the loop diverged: {} = {} {} at t = {:.4g} s of the beat. Try a smaller "
-                                         "step, or integrator cvode.",
-                                         circulation_state_quantities[k].name, y[k],
-                                         circulation_state_quantities[k].unit, t));
+      throw NumericalFailure(
+          fmt::format("the loop diverged: {} = {} {} at t = {:.4g} s of the beat. Try a smaller "
+                      "step, or integrator cvode.",
+                      circulation_state_quantities[k].name, y[k], circulation_state_quantities[k].unit, t));
 }
 
 }  // namespace
@@ -57,9 +55,7 @@ void append_circulation_row(Table& table, double t, const double* y, const doubl
   for (int k = 0; k < n_valves; ++k) table.columns[column++].values.push_back(Q[k]);
 }
 
-std::vector<double> circulation_scales() {
-  return {100, 100, 100, 100, 10, 10, 10, 10, 100, 100, 100, 100};
-}
+std::vector<double> circulation_scales() { return {100, 100, 100, 100, 10, 10, 10, 10, 100, 100, 100, 100}; }
 
 LoopSolver::LoopSolver(Loop loop, LoopIntegrator integrator)
     : loop_(std::move(loop)), integrator_(std::move(integrator)) {
@@ -122,7 +118,9 @@ void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table) c
   if (integrator_.name == "cvode") {
     OdeSystem system;
     system.size = n_circulation_states;
-    system.derivative = [this](double t, const double* y, double* dy) { loop_rates<double>(loop_, t, y, dy); };
+    system.derivative = [this](double t, const double* y, double* dy) {
+      loop_rates<double>(loop_, t, y, dy);
+    };
     system.jacobian = [this](double t, const double* y, double* jacobian) {
       Jet yd[n_circulation_states], dy[n_circulation_states];
       for (int k = 0; k < n_circulation_states; ++k) yd[k] = Jet::variable(y[k], k);

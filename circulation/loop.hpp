@@ -1,4 +1,5 @@
-// The closed loop with four elastance chambers: parameter sets, the file that describes one, and its solution.
+// The closed loop with four elastance chambers: parameter sets, the file that describes one, and its
+// solution.
 #pragma once
 
 #include <array>
@@ -7,7 +8,6 @@
 #include <string>
 #include <string_view>
 #include <vector>
-
 #include <wiggers/circulation/circulation.hpp>
 #include <wiggers/circulation/elastance.hpp>
 #include <wiggers/core/limit_cycle.hpp>
@@ -26,7 +26,8 @@ inline constexpr Quantity period_quantity = {"period_s", "s", 0.8, 0.05, 20, "du
 inline constexpr Quantity total_volume_quantity = {
     "total_volume", "mL", 2850, 1, 1e6, "stressed blood volume; fixes the initial systemic venous pressure"};
 
-// Named sets with their sources. A set without elastances (the whole-heart paper's) leaves chambers to others.
+// Named sets with their sources. A set without elastances (the whole-heart paper's) leaves chambers to
+// others.
 struct CirculationSet {
   std::string_view name;
   std::string_view source;
@@ -53,7 +54,8 @@ struct LoopIntegrator {
   double absolute_tolerance = 1e-9;  // mmHg, mL, mL/s
   double dt_s = 1e-3;                // fixed steps
 };
-inline constexpr std::array<std::string_view, 3> loop_integrators = {"cvode", "forward-euler", "runge-kutta-4"};
+inline constexpr std::array<std::string_view, 3> loop_integrators = {"cvode", "forward-euler",
+                                                                     "runge-kutta-4"};
 
 class LoopSolver {
  public:
@@ -61,12 +63,14 @@ class LoopSolver {
 
   const Loop& loop() const { return loop_; }
 
-  // Advances the state by one period; appends rows at multiples of sample_s and at the end if a table is given.
+  // Advances the state by one period; appends rows at multiples of sample_s and at the end if a table is
+  // given.
   void beat(CirculationValues& state, double sample_s = 0, Table* table = nullptr) const;
 
   // To the limit cycle on the leaf of the initial total volume.
-  LimitCycleCertificate to_limit_cycle(CirculationValues& state, LimitCycleSettings settings,
-                                       const std::function<void(const LimitCycleCertificate&)>& after_beat = {}) const;
+  LimitCycleCertificate to_limit_cycle(
+      CirculationValues& state, LimitCycleSettings settings,
+      const std::function<void(const LimitCycleCertificate&)>& after_beat = {}) const;
 
   std::array<double, n_chambers> pressures(double t, const double* y) const;
 

@@ -34,8 +34,9 @@ ValveParameters read_valve(SettingsReader& table, const ValveParameters& default
   v.Rmin = table.number(valve_quantities[0], defaults.Rmin);
   v.Rmax = table.number(valve_quantities[1], defaults.Rmax);
   if (v.Rmax < v.Rmin)
-    throw InputError(fmt::format("{} = {} is below Rmin = {}: the closed valve would leak more than the open one passes",
-                                 table.place("Rmax"), v.Rmax, v.Rmin));
+    throw InputError(
+        fmt::format("{} = {} is below Rmin = {}: the closed valve would leak more than the open one passes",
+                    table.place("Rmax"), v.Rmax, v.Rmin));
   return v;
 }
 

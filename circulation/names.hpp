@@ -21,9 +21,18 @@ inline constexpr std::array<std::string_view, 2> circuit_names = {"SYS", "PUL"};
 
 // The twelve states of the closed loop, in the order of all files.
 enum CirculationState {
-  V_LA, V_LV, V_RA, V_RV,
-  p_AR_SYS, p_VEN_SYS, p_AR_PUL, p_VEN_PUL,
-  Q_AR_SYS, Q_VEN_SYS, Q_AR_PUL, Q_VEN_PUL
+  V_LA,
+  V_LV,
+  V_RA,
+  V_RV,
+  p_AR_SYS,
+  p_VEN_SYS,
+  p_AR_PUL,
+  p_VEN_PUL,
+  Q_AR_SYS,
+  Q_VEN_SYS,
+  Q_AR_PUL,
+  Q_VEN_PUL
 };
 inline constexpr int n_circulation_states = 12;
 

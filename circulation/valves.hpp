@@ -13,7 +13,6 @@
 #include <array>
 #include <string>
 #include <string_view>
-
 #include <wiggers/core/numbers.hpp>
 #include <wiggers/core/quantity.hpp>
 
@@ -40,14 +39,17 @@ T valve_flow(ValveLaw law, const ValveParameters& valve, double tanh_steepness, 
   constexpr double ln10 = 2.30258509299404568402;
   const T dp = p1 - p2;
   switch (law) {
-    case ValveLaw::diode: return select(dp > 0.0, T(dp / valve.Rmin), T(dp / valve.Rmax));
-    case ValveLaw::ideal: return select(dp > 0.0, T(dp / valve.Rmin), T(0.0));
+    case ValveLaw::diode:
+      return select(dp > 0.0, T(dp / valve.Rmin), T(dp / valve.Rmax));
+    case ValveLaw::ideal:
+      return select(dp > 0.0, T(dp / valve.Rmin), T(0.0));
     case ValveLaw::log_arctan: {
       const T closed = 0.5 + atan(T(-100.0 * pi * dp)) * (1.0 / pi);
       const double low = std::log10(valve.Rmin), high = std::log10(valve.Rmax);
       return dp * exp(T(-ln10 * (low + (high - low) * closed)));
     }
-    case ValveLaw::tanh: break;
+    case ValveLaw::tanh:
+      break;
   }
   const T closed = 0.5 * (1.0 + tanh(T(-tanh_steepness * dp)));
   return dp / (valve.Rmin + (valve.Rmax - valve.Rmin) * closed);

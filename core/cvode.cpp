@@ -1,9 +1,3 @@
-#include <wiggers/core/cvode.hpp>
-
-#include <cmath>
-#include <cstring>
-#include <exception>
-
 #include <cvode/cvode.h>
 #include <fmt/format.h>
 #include <nvector/nvector_serial.h>
@@ -11,27 +5,39 @@
 #include <sunlinsol/sunlinsol_dense.h>
 #include <sunmatrix/sunmatrix_dense.h>
 
+#include <cmath>
+#include <cstring>
+#include <exception>
+#include <wiggers/core/cvode.hpp>
 #include <wiggers/core/errors.hpp>
 
 namespace wiggers {
 
 namespace {
 
-
 std::string reason(int code) {
   switch (code) {
-    case CV_TOO_MUCH_WORK: return "too many internal steps";
-    case CV_TOO_MUCH_ACC: return "the tolerance is below what double precision can deliver";
-    case CV_ERR_FAILURE: return "error test failed repeatedly";
-    case CV_CONV_FAILURE: return "Newton iteration failed repeatedly";
+    case CV_TOO_MUCH_WORK:
+      return "too many internal steps";
+    case CV_TOO_MUCH_ACC:
+      return "the tolerance is below what double precision can deliver";
+    case CV_ERR_FAILURE:
+      return "error test failed repeatedly";
+    case CV_CONV_FAILURE:
+      return "Newton iteration failed repeatedly";
     case CV_RHSFUNC_FAIL:
-    case CV_UNREC_RHSFUNC_ERR: return "the right-hand side could not be evaluated";
+    case CV_UNREC_RHSFUNC_ERR:
+      return "the right-hand side could not be evaluated";
     case CV_FIRST_RHSFUNC_ERR:
-    case CV_REPTD_RHSFUNC_ERR: return "the right-hand side stays non-finite";
+    case CV_REPTD_RHSFUNC_ERR:
+      return "the right-hand side stays non-finite";
     case CV_LSETUP_FAIL:
-    case CV_LSOLVE_FAIL: return "the linear solve failed";
-    case CV_TOO_CLOSE: return "the interval is too short to step over";
-    default: break;
+    case CV_LSOLVE_FAIL:
+      return "the linear solve failed";
+    case CV_TOO_CLOSE:
+      return "the interval is too short to step over";
+    default:
+      break;
   }
   char* name = CVodeGetReturnFlagName(code);
   std::string text = name ? name : "unknown";

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <array>
-
 #include <wiggers/core/numbers.hpp>
 
 namespace wiggers {

@@ -1,23 +1,22 @@
-#include <wiggers/core/files.hpp>
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
 
 #include <cerrno>
 #include <cstring>
 #include <fstream>
 #include <sstream>
-
-#include <fcntl.h>
-#include <unistd.h>
-
-#include <fmt/format.h>
-
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/files.hpp>
 
 namespace wiggers {
 
 namespace fs = std::filesystem;
 
 namespace {
-fs::path folder_of(const fs::path& path) { return path.has_parent_path() ? path.parent_path() : fs::path("."); }
+fs::path folder_of(const fs::path& path) {
+  return path.has_parent_path() ? path.parent_path() : fs::path(".");
+}
 
 // Devices and pipes (/dev/stdout) cannot be renamed into place; they are written through.
 bool is_special(const fs::path& path) {

@@ -11,7 +11,6 @@
 
 #include <array>
 #include <string_view>
-
 #include <wiggers/core/evaluation.hpp>
 #include <wiggers/core/numbers.hpp>
 

@@ -1,14 +1,12 @@
-#include <wiggers/core/limit_cycle.hpp>
-
 #include <algorithm>
 #include <cmath>
+#include <wiggers/core/limit_cycle.hpp>
 
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"  // false positive inside Eigen 3.4 with GCC 12
 #endif
 #include <Eigen/Dense>
-
 #include <wiggers/core/errors.hpp>
 
 namespace wiggers {
@@ -25,10 +23,14 @@ double max_abs(const std::vector<double>& v) {
 
 std::string to_string(LimitCycleVerdict verdict) {
   switch (verdict) {
-    case LimitCycleVerdict::running: return "running";
-    case LimitCycleVerdict::period_1: return "period-1";
-    case LimitCycleVerdict::period_2: return "period-2";
-    case LimitCycleVerdict::not_converged: return "not-converged";
+    case LimitCycleVerdict::running:
+      return "running";
+    case LimitCycleVerdict::period_1:
+      return "period-1";
+    case LimitCycleVerdict::period_2:
+      return "period-2";
+    case LimitCycleVerdict::not_converged:
+      return "not-converged";
   }
   return "not-converged";
 }
@@ -40,7 +42,8 @@ LimitCycleSearch::LimitCycleSearch(LimitCycleSettings settings, std::vector<doub
       positive_(std::move(positive)),
       plain_left_(settings.plain_beats) {}
 
-std::vector<double> LimitCycleSearch::unscaled(const std::vector<double>& x, const std::vector<double>& f) const {
+std::vector<double> LimitCycleSearch::unscaled(const std::vector<double>& x,
+                                               const std::vector<double>& f) const {
   std::vector<double> result(x.size());
   for (std::size_t i = 0; i < x.size(); ++i) result[i] = (x[i] + f[i]) * scales_[i];
   return result;

@@ -1,8 +1,8 @@
 // Limit cycles: fixed points of a beat map P, by plain pacing or by safeguarded Anderson acceleration, with a
 // certificate that states the distance to the cycle rather than the last change.
 //
-// Let r = max_i |P(x)_i - x_i| / s_i with scales s. With lambda the largest multiplier of P on the leaf of its
-// invariants, the distance to the cycle is about r / (1 - lambda): for slow cells hundreds of times r.
+// Let r = max_i |P(x)_i - x_i| / s_i with scales s. With lambda the largest multiplier of P on the leaf of
+// its invariants, the distance to the cycle is about r / (1 - lambda): for slow cells hundreds of times r.
 #pragma once
 
 #include <string>
@@ -37,8 +37,8 @@ struct LimitCycleCertificate {
 // After the last call, next() returns P itself: a state of the plain beat map, never an extrapolation.
 class LimitCycleSearch {
  public:
-  // positive[i]: component i (a concentration, a pressure head) must stay positive; a proposal changes it by at
-  // most a factor of two, or is shortened as a whole. Empty: none.
+  // positive[i]: component i (a concentration, a pressure head) must stay positive; a proposal changes it by
+  // at most a factor of two, or is shortened as a whole. Empty: none.
   LimitCycleSearch(LimitCycleSettings settings, std::vector<double> scales, std::vector<bool> positive = {});
 
   bool running() const { return certificate_.verdict == LimitCycleVerdict::running; }
@@ -48,8 +48,8 @@ class LimitCycleSearch {
   // (probabilities, positive concentrations, the leaf of an invariant): the caller brings it back.
   std::vector<double> next(const std::vector<double>& x, const std::vector<double>& image);
 
-  // The beat from an extrapolated start failed: go back to the best state and pace from there. Returns the new
-  // start; false in `recovered` if there is nothing to go back to (the failure is genuine).
+  // The beat from an extrapolated start failed: go back to the best state and pace from there. Returns the
+  // new start; false in `recovered` if there is nothing to go back to (the failure is genuine).
   std::vector<double> after_failure(bool& recovered);
 
   // Everything that the next beats depend on, as plain numbers.
@@ -70,7 +70,7 @@ class LimitCycleSearch {
   Pair best_;
   double best_residual_ = 0;
   std::vector<bool> positive_;
-  bool accelerated_ = false;       // the last proposal was an extrapolation
+  bool accelerated_ = false;  // the last proposal was an extrapolation
   int plain_left_ = 0;
   LimitCycleCertificate certificate_;
 };

@@ -1,14 +1,11 @@
-#include <wiggers/core/progress.hpp>
+#include <fmt/format.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <csignal>
 #include <cstdio>
-
-#include <unistd.h>
-
-#include <fmt/format.h>
-
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/progress.hpp>
 
 namespace wiggers {
 
@@ -61,8 +58,7 @@ void Progress::update(double fraction, const std::string& note) {
   last_shown_ = now;
   const double elapsed = seconds_since_start();
   std::string left;
-  if (fraction > 0.01)
-    left = fmt::format(", about {} left", duration(elapsed * (1 - fraction) / fraction));
+  if (fraction > 0.01) left = fmt::format(", about {} left", duration(elapsed * (1 - fraction) / fraction));
   if (terminal_) {
     std::string bar;
     if (fraction >= 0) {
@@ -84,7 +80,8 @@ void Progress::finish(const std::string& note) {
   const double elapsed = seconds_since_start();
   if (line_open_) std::fputs("\r\033[K", stderr);
   line_open_ = false;
-  std::fputs(fmt::format("{}: {} ({:.2f} s)\n", task_, note.empty() ? "done" : note, elapsed).c_str(), stderr);
+  std::fputs(fmt::format("{}: {} ({:.2f} s)\n", task_, note.empty() ? "done" : note, elapsed).c_str(),
+             stderr);
 }
 
 }  // namespace wiggers

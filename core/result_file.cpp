@@ -1,10 +1,9 @@
-#include <wiggers/core/result_file.hpp>
-
 #include <fmt/format.h>
 #include <hdf5.h>
 
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
+#include <wiggers/core/result_file.hpp>
 
 namespace wiggers {
 
@@ -32,7 +31,8 @@ void put_text_attribute(hid_t object, const char* name, const std::string& value
   check(H5Tset_size(type, value.empty() ? 1 : value.size()), "H5Tset_size");
   check(H5Tset_cset(type, H5T_CSET_UTF8), "H5Tset_cset");
   const Handle space(H5Screate(H5S_SCALAR), H5Sclose, "H5Screate");
-  const Handle attribute(H5Acreate2(object, name, type, space, H5P_DEFAULT, H5P_DEFAULT), H5Aclose, "H5Acreate");
+  const Handle attribute(H5Acreate2(object, name, type, space, H5P_DEFAULT, H5P_DEFAULT), H5Aclose,
+                         "H5Acreate");
   check(H5Awrite(attribute, type, value.empty() ? "" : value.data()), "H5Awrite");
 }
 
@@ -70,8 +70,8 @@ ResultWriter::ResultWriter() : implementation_(std::make_unique<Implementation>(
 }
 ResultWriter::~ResultWriter() = default;
 
-void ResultWriter::dataset(const std::string& path, const std::vector<double>& values, const std::string& unit,
-                           const std::string& meaning) {
+void ResultWriter::dataset(const std::string& path, const std::vector<double>& values,
+                           const std::string& unit, const std::string& meaning) {
   const hsize_t size[] = {values.size()};
   const Handle space(H5Screate_simple(1, size, nullptr), H5Sclose, "H5Screate_simple");
   implementation_->put(path, H5T_NATIVE_DOUBLE, space, values.data());
@@ -109,11 +109,13 @@ struct ResultReader::Implementation {
   }
   void require(const std::string& path, bool present) const {
     if (!present)
-      throw InputError(fmt::format("'{}' has no entry {}: it is no wiggers result, or of another version", name, path));
+      throw InputError(
+          fmt::format("'{}' has no entry {}: it is no wiggers result, or of another version", name, path));
   }
 };
 
-ResultReader::ResultReader(const std::filesystem::path& path) : implementation_(std::make_unique<Implementation>()) {
+ResultReader::ResultReader(const std::filesystem::path& path)
+    : implementation_(std::make_unique<Implementation>()) {
   silence();
   implementation_->name = path.string();
   (void)read_file(path);  // missing or unreadable: refused with the system's reason

@@ -1,14 +1,12 @@
-#include <wiggers/core/settings.hpp>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
 #include <sstream>
-
-#include <fmt/format.h>
 #include <toml.hpp>
-
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
+#include <wiggers/core/settings.hpp>
 
 namespace wiggers {
 
@@ -34,10 +32,14 @@ SettingsValue convert(const toml::value& value, const std::string& place) {
 
 std::string kind_of(const SettingsValue& value) {
   switch (value.data.index()) {
-    case 0: return "true/false";
-    case 1: return "a number";
-    case 2: return "text";
-    default: return "a table";
+    case 0:
+      return "true/false";
+    case 1:
+      return "a number";
+    case 2:
+      return "text";
+    default:
+      return "a table";
   }
 }
 
@@ -169,7 +171,8 @@ std::string SettingsReader::text(std::string_view key, std::string_view default_
   std::string result(default_value);
   if (const SettingsValue* value = find(key)) {
     const std::string* text = std::get_if<std::string>(&value->data);
-    if (!text) throw InputError(fmt::format("{} must be text in quotes, not {}", place(key), kind_of(*value)));
+    if (!text)
+      throw InputError(fmt::format("{} must be text in quotes, not {}", place(key), kind_of(*value)));
     result = *text;
   }
   remember(key, toml_text(result));
@@ -227,9 +230,8 @@ void SettingsReader::finish() const {
 void SettingsReader::write(std::string& out) const {
   if (!path_.empty() && !read_.empty()) out += fmt::format("\n[{}]\n", path_);
   for (const auto& [key, value] : read_) {
-    const bool bare = std::all_of(key.begin(), key.end(), [](unsigned char c) {
-      return std::isalnum(c) || c == '_' || c == '-';
-    });
+    const bool bare = std::all_of(key.begin(), key.end(),
+                                  [](unsigned char c) { return std::isalnum(c) || c == '_' || c == '-'; });
     out += fmt::format("{} = {}\n", bare ? key : toml_text(key), value);
   }
   for (const auto& entry : children_) entry.second->write(out);

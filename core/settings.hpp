@@ -1,7 +1,8 @@
 // Settings: TOML files read with manners.
 //
-// A reader takes each key by its Quantity or by its list of choices, checks type and range, remembers what was
-// read (for `--full` listings), and refuses at the end every key that nobody asked for, with the nearest name.
+// A reader takes each key by its Quantity or by its list of choices, checks type and range, remembers what
+// was read (for `--full` listings), and refuses at the end every key that nobody asked for, with the nearest
+// name.
 #pragma once
 
 #include <filesystem>
@@ -14,7 +15,6 @@
 #include <utility>
 #include <variant>
 #include <vector>
-
 #include <wiggers/core/quantity.hpp>
 
 namespace wiggers {
@@ -48,8 +48,8 @@ class SettingsReader {
   bool is_text(std::string_view key) const;
   bool is_table(std::string_view key) const;
 
-  double number(const Quantity& quantity);                         // its default where absent
-  double number(const Quantity& quantity, double default_value);   // another default than the quantity's own
+  double number(const Quantity& quantity);                        // its default where absent
+  double number(const Quantity& quantity, double default_value);  // another default than the quantity's own
   long integer(const Quantity& quantity);
   bool flag(std::string_view key, bool default_value);
   std::string text(std::string_view key, std::string_view default_value);

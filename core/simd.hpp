@@ -2,9 +2,8 @@
 // instruction set this translation unit is compiled for.
 #pragma once
 
-#include <xsimd/xsimd.hpp>
-
 #include <wiggers/core/numbers.hpp>
+#include <xsimd/xsimd.hpp>
 
 namespace wiggers {
 

@@ -1,11 +1,9 @@
-#include <wiggers/core/table.hpp>
-
-#include <iterator>
-
 #include <fmt/format.h>
 
+#include <iterator>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
+#include <wiggers/core/table.hpp>
 
 namespace wiggers {
 
@@ -75,8 +73,8 @@ Table read_csv(const std::filesystem::path& path) {
                                    line_number, cells.size(), table.columns.size()));
     for (std::size_t c = 0; c < cells.size(); ++c)
       table.columns[c].values.push_back(parse_number(
-          trim(cells[c]), fmt::format("{}: line {}, column '{}'", path.string(), line_number,
-                                      table.columns[c].name)));
+          trim(cells[c]),
+          fmt::format("{}: line {}, column '{}'", path.string(), line_number, table.columns[c].name)));
   }
   if (table.columns.empty()) throw InputError(fmt::format("{}: no column names", path.string()));
   if (table.n_rows() == 0) throw InputError(fmt::format("{}: no rows below the column names", path.string()));

@@ -1,18 +1,17 @@
-#include <wiggers/heart/cell_source.hpp>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
-
-#include <fmt/format.h>
-
 #include <wiggers/circulation/elastance.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
+#include <wiggers/heart/cell_source.hpp>
 
 namespace wiggers {
 
 IonicCellSource::IonicCellSource(const CellModel& model, std::vector<double> parameters,
-                                 std::vector<double> state_at_onset, Pacing pacing, CalciumRescaling rescaling)
+                                 std::vector<double> state_at_onset, Pacing pacing,
+                                 CalciumRescaling rescaling)
     : model_(model),
       parameters_(std::move(parameters)),
       state_(std::move(state_at_onset)),
@@ -26,7 +25,8 @@ IonicCellSource::IonicCellSource(const CellModel& model, std::vector<double> par
 }
 
 void IonicCellSource::advance(double t, double dt) {
-  // A multistep scheme starts afresh with each beat: a resumed run then repeats an undisturbed one bit for bit.
+  // A multistep scheme starts afresh with each beat: a resumed run then repeats an undisturbed one bit for
+  // bit.
   if (t == 0) stepper_->restart();
   const double from = wrapped(t * units::ms_per_s - pacing_.activation_ms, pacing_.period_ms);
   const double to = from + dt * units::ms_per_s;
@@ -36,7 +36,8 @@ void IonicCellSource::advance(double t, double dt) {
     return;
   }
   if (from < pacing_.period_ms - 1e-9) advance_local(from, pacing_.period_ms);
-  if (model_.keeps_invariant(parameters_.data())) model_.hold_invariant(state_.data(), parameters_.data(), charge_);
+  if (model_.keeps_invariant(parameters_.data()))
+    model_.hold_invariant(state_.data(), parameters_.data(), charge_);
   if (to > pacing_.period_ms + 1e-9) advance_local(0, to - pacing_.period_ms);
 }
 
@@ -55,10 +56,11 @@ void IonicCellSource::advance_local(double from, double to) {
   }
   const double V = state_[model_.membrane_potential];
   if (!(V > -150 && V < 150))
-    throw NumericalFailure(fmt::format(
-        "{}: membrane potential {} mV left its physical range {:.4g} ms after the stimulus (integrator {}, sub-step "
-        "{} ms). Try a smaller electrophysiology_substep_ms.",
-        model_.name, V, to, pacing_.integrator, pacing_.substep_ms));
+    throw NumericalFailure(
+        fmt::format("{}: membrane potential {} mV left its physical range {:.4g} ms after the stimulus "
+                    "(integrator {}, sub-step "
+                    "{} ms). Try a smaller electrophysiology_substep_ms.",
+                    model_.name, V, to, pacing_.integrator, pacing_.substep_ms));
 }
 
 double IonicCellSource::calcium_uM() const {
@@ -83,8 +85,8 @@ double PrescribedCalcium::at(double s) const {
   const double q = shape_.rise_ms / shape_.decay_ms;
   // Maximum of exp(-s/decay) - exp(-s/rise).
   const double peak = std::pow(q, q / (1 - q)) - std::pow(q, 1 / (1 - q));
-  return shape_.rest_uM +
-         (shape_.peak_uM - shape_.rest_uM) / peak * (std::exp(-s / shape_.decay_ms) - std::exp(-s / shape_.rise_ms));
+  return shape_.rest_uM + (shape_.peak_uM - shape_.rest_uM) / peak *
+                              (std::exp(-s / shape_.decay_ms) - std::exp(-s / shape_.rise_ms));
 }
 
 void PrescribedCalcium::advance(double t, double dt) {

@@ -4,7 +4,6 @@
 #include <memory>
 #include <string>
 #include <vector>
-
 #include <wiggers/cellmodels/calcium.hpp>
 #include <wiggers/cellmodels/catalogue.hpp>
 #include <wiggers/heart/wall.hpp>

@@ -1,16 +1,13 @@
-#include <wiggers/heart/driver.hpp>
-
-#include <algorithm>
-#include <cmath>
-
 #include <fmt/format.h>
 
 #include <Eigen/Core>
 #include <Eigen/LU>
-
+#include <algorithm>
+#include <cmath>
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/heart/driver.hpp>
 
 namespace wiggers {
 
@@ -123,7 +120,8 @@ void HeartDriver::step(double t, BeatAudit& audit) {
   if (!converged) {
     for (const auto& wall : walls_) wall->reject_step();
     throw NumericalFailure(fmt::format(
-        "no balance of wall and blood volumes at t = {:.4f} s of the beat: after {} Newton iterations {} still misses "
+        "no balance of wall and blood volumes at t = {:.4f} s of the beat: after {} Newton iterations {} "
+        "still misses "
         "{:.3g} mL at {:.3g} mmHg. Try a smaller dt_s (now {} s){}.",
         t + dt, iteration, chamber_names[worst], error, p[worst], dt,
         settings_.stabilise_volumes ? "" : ", or stabilise volumes (solver.stabilise.volumes = true)"));
@@ -143,11 +141,12 @@ void HeartDriver::step(double t, BeatAudit& audit) {
   for (int v = 0; v < n_valves; ++v) audit.valve_volume_mL[v] += dt * Q_[v];
   for (int k = 0; k < n_circulation_states; ++k)
     if (!std::isfinite(y_[k]) || std::abs(y_[k]) > 1e6)
-      throw NumericalFailure(fmt::format(
-          "the circulation diverged at t = {:.4f} s of the beat: {} = {:.3g} {}. Its explicit step is stable below "
-          "{:.2f} ms (2 L/R of the stiffest branch); dt_s is {} s.",
-          t + dt, circulation_state_quantities[k].name, y_[k], circulation_state_quantities[k].unit,
-          1e3 * largest_explicit_step(circulation_), dt));
+      throw NumericalFailure(
+          fmt::format("the circulation diverged at t = {:.4f} s of the beat: {} = {:.3g} {}. Its explicit "
+                      "step is stable below "
+                      "{:.2f} ms (2 L/R of the stiffest branch); dt_s is {} s.",
+                      t + dt, circulation_state_quantities[k].name, y_[k],
+                      circulation_state_quantities[k].unit, 1e3 * largest_explicit_step(circulation_), dt));
 }
 
 Table HeartDriver::trace() const {

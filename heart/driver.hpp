@@ -13,7 +13,6 @@
 #include <memory>
 #include <string>
 #include <vector>
-
 #include <wiggers/circulation/circulation.hpp>
 #include <wiggers/core/table.hpp>
 #include <wiggers/heart/wall.hpp>
@@ -28,10 +27,10 @@ struct DriverSettings {
 
 // What a beat reports beside its trace.
 struct BeatAudit {
-  double chamber_work_mmHg_mL = 0;      // work of the four chambers on the blood
-  double dissipated_mmHg_mL = 0;        // in resistors and valves
-  double blood_volume_change_mL = 0;    // over the beat
-  double volume_mismatch_mL = 0;        // largest |wall volume - circulation volume| after a step
+  double chamber_work_mmHg_mL = 0;    // work of the four chambers on the blood
+  double dissipated_mmHg_mL = 0;      // in resistors and valves
+  double blood_volume_change_mL = 0;  // over the beat
+  double volume_mismatch_mL = 0;      // largest |wall volume - circulation volume| after a step
   long newton_iterations = 0;
   int most_newton_iterations = 0;
   std::array<double, n_valves> valve_volume_mL{};  // net volume through each valve
@@ -39,7 +38,8 @@ struct BeatAudit {
 
 class HeartDriver {
  public:
-  HeartDriver(DriverSettings settings, CirculationParameters circulation, std::vector<std::unique_ptr<Wall>> walls);
+  HeartDriver(DriverSettings settings, CirculationParameters circulation,
+              std::vector<std::unique_ptr<Wall>> walls);
 
   void start(const CirculationValues& initial);
 

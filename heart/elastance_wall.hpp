@@ -2,7 +2,6 @@
 #pragma once
 
 #include <array>
-
 #include <wiggers/circulation/elastance.hpp>
 #include <wiggers/heart/wall.hpp>
 

@@ -1,12 +1,10 @@
-#include <wiggers/heart/indexes.hpp>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
-
-#include <fmt/format.h>
-
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
+#include <wiggers/heart/indexes.hpp>
 
 namespace wiggers {
 
@@ -31,7 +29,8 @@ double at_time(const std::vector<double>& t, const std::vector<double>& y, doubl
 }
 
 // Intervals in which dp > 0, the beat taken as periodic; gaps and openings shorter than the debounce vanish.
-std::vector<Interval> open_intervals(const std::vector<double>& t, const std::vector<double>& dp, double debounce) {
+std::vector<Interval> open_intervals(const std::vector<double>& t, const std::vector<double>& dp,
+                                     double debounce) {
   const double period = t.back();
   std::vector<Interval> found;
   double begin = dp[0] > 0 ? 0 : -1;
@@ -54,7 +53,8 @@ std::vector<Interval> open_intervals(const std::vector<double>& t, const std::ve
       found.push_back({begin, period});
     }
   }
-  std::sort(found.begin(), found.end(), [](const Interval& a, const Interval& b) { return a.begins < b.begins; });
+  std::sort(found.begin(), found.end(),
+            [](const Interval& a, const Interval& b) { return a.begins < b.begins; });
   std::vector<Interval> joined;
   for (const Interval& interval : found) {
     if (!joined.empty() && interval.begins - joined.back().ends < debounce)
@@ -215,8 +215,7 @@ BeatIndexes compute_indexes(const Table& trace, double atrial_stimulus, double d
   };
   r.aorta = artery("p_AR_SYS");
   r.pulmonary_artery = artery("p_AR_PUL");
-  const double mean_flow =
-      (r.valve[AV].forward_volume_mL - r.valve[AV].backward_volume_mL) / period;
+  const double mean_flow = (r.valve[AV].forward_volume_mL - r.valve[AV].backward_volume_mL) / period;
   r.cardiac_output_L_per_min = mean_flow * units::L_per_min_from_mL_per_s;
   if (mean_flow > 0) {
     r.systemic_resistance_mmHg_s_per_mL =
@@ -237,19 +236,19 @@ double largest_flip(const std::vector<double>& a) {
 }
 
 const std::vector<ReferenceRange>& reference_ranges() {
-  // Kawel-Boehm et al. 2020 (men, cardiac magnetic resonance); entries of PassEF, ActEF and VpreAC from Li et al.
-  // 2017; last column: table of volumetric indexes of Fedele et al. 2023.
+  // Kawel-Boehm et al. 2020 (men, cardiac magnetic resonance); entries of PassEF, ActEF and VpreAC from Li et
+  // al. 2017; last column: table of volumetric indexes of Fedele et al. 2023.
   static const std::vector<ReferenceRange> table = {
-      {"RA.Vmax", "mL/m2", 52, 12, 28, 76, 43.68},   {"RA.VpreAC", "mL/m2", 40, 10, 19, 61, 32.83},
-      {"RA.Vmin", "mL/m2", 27, 9, 9, 45, 25.16},     {"RA.PassEF", "%", 23, 9, 4, 41, 24.82},
-      {"RA.ActEF", "%", 33, 10, 11, 55, 23.39},      {"RA.TotEF", "%", 49, 10, 29, 68, 42.40},
-      {"LA.Vmax", "mL/m2", 41, 8, 24, 57, 30.65},    {"LA.VpreAC", "mL/m2", 30, 8, 15, 46, 24.70},
-      {"LA.Vmin", "mL/m2", 19, 5, 9, 28, 17.14},     {"LA.PassEF", "%", 26, 9, 8, 44, 19.43},
-      {"LA.ActEF", "%", 37, 10, 17, 58, 30.59},      {"LA.TotEF", "%", 54, 8, 37, 70, 44.08},
-      {"RV.EDV", "mL/m2", 88, 17, 53, 123, 86.78},   {"RV.ESV", "mL/m2", 38, 11, 17, 59, 41.73},
-      {"RV.SV", "mL/m2", 52, 12, 28, 75, 45.06},     {"RV.EF", "%", 57, 8, 42, 72, 51.92},
-      {"LV.EDV", "mL/m2", 77, 15, 47, 107, 85.28},   {"LV.ESV", "mL/m2", 29, 9, 11, 47, 41.28},
-      {"LV.SV", "mL/m2", 48, 9, 30, 66, 44.00},      {"LV.EF", "%", 63, 6, 51, 76, 51.60},
+      {"RA.Vmax", "mL/m2", 52, 12, 28, 76, 43.68}, {"RA.VpreAC", "mL/m2", 40, 10, 19, 61, 32.83},
+      {"RA.Vmin", "mL/m2", 27, 9, 9, 45, 25.16},   {"RA.PassEF", "%", 23, 9, 4, 41, 24.82},
+      {"RA.ActEF", "%", 33, 10, 11, 55, 23.39},    {"RA.TotEF", "%", 49, 10, 29, 68, 42.40},
+      {"LA.Vmax", "mL/m2", 41, 8, 24, 57, 30.65},  {"LA.VpreAC", "mL/m2", 30, 8, 15, 46, 24.70},
+      {"LA.Vmin", "mL/m2", 19, 5, 9, 28, 17.14},   {"LA.PassEF", "%", 26, 9, 8, 44, 19.43},
+      {"LA.ActEF", "%", 37, 10, 17, 58, 30.59},    {"LA.TotEF", "%", 54, 8, 37, 70, 44.08},
+      {"RV.EDV", "mL/m2", 88, 17, 53, 123, 86.78}, {"RV.ESV", "mL/m2", 38, 11, 17, 59, 41.73},
+      {"RV.SV", "mL/m2", 52, 12, 28, 75, 45.06},   {"RV.EF", "%", 57, 8, 42, 72, 51.92},
+      {"LV.EDV", "mL/m2", 77, 15, 47, 107, 85.28}, {"LV.ESV", "mL/m2", 29, 9, 11, 47, 41.28},
+      {"LV.SV", "mL/m2", 48, 9, 30, 66, 44.00},    {"LV.EF", "%", 63, 6, 51, 76, 51.60},
   };
   return table;
 }

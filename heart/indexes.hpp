@@ -1,8 +1,8 @@
 // Valve times, phases and clinical indexes of one beat, from its trace (any source: heart or 0D loop).
 //
-// Phases per side: AC atrial contraction (from the atrial stimulus), IVC isovolumetric contraction, VE ejection,
-// IVR isovolumetric relaxation, VPF passive filling. A valve is open while the upstream pressure is higher;
-// openings shorter than the debounce time do not count. EDV: ventricular volume at closure of the
+// Phases per side: AC atrial contraction (from the atrial stimulus), IVC isovolumetric contraction, VE
+// ejection, IVR isovolumetric relaxation, VPF passive filling. A valve is open while the upstream pressure is
+// higher; openings shorter than the debounce time do not count. EDV: ventricular volume at closure of the
 // atrioventricular valve; ESV: smallest volume; atrial VpreAC: volume at the atrial stimulus.
 #pragma once
 
@@ -11,7 +11,6 @@
 #include <string>
 #include <string_view>
 #include <vector>
-
 #include <wiggers/circulation/names.hpp>
 #include <wiggers/core/table.hpp>
 
@@ -39,7 +38,7 @@ struct AtriumIndexes {
 };
 
 struct Phase {
-  std::string name;  // AC, IVC, VE, IVR, VPF
+  std::string name;                 // AC, IVC, VE, IVR, VPF
   double begins_s = 0, ends_s = 0;  // ends may exceed the period by wrapping: ends < begins
 };
 
@@ -65,12 +64,13 @@ BeatIndexes compute_indexes(const Table& trace, double atrial_stimulus_s, double
 // Largest alternating step-to-step change: max over n of min(|d_n|, |d_n-1|) where d_n d_n-1 < 0.
 double largest_flip(const std::vector<double>& series);
 
-// Reference range of one volumetric index (men, cardiac magnetic resonance; sources with the table in the .cpp).
+// Reference range of one volumetric index (men, cardiac magnetic resonance; sources with the table in the
+// .cpp).
 struct ReferenceRange {
   std::string_view index;  // "LV.EDV"
   std::string_view unit;   // mL/m2 or %
   double mean, sd, lower, upper;
-  double founding_paper;   // value of the whole-heart paper (Fedele et al. 2023)
+  double founding_paper;  // value of the whole-heart paper (Fedele et al. 2023)
 };
 const std::vector<ReferenceRange>& reference_ranges();
 // The value an index has in this beat (volumes divided by the body surface area).

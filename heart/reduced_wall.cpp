@@ -1,14 +1,12 @@
-#include <wiggers/heart/reduced_wall.hpp>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
-
-#include <fmt/format.h>
-
 #include <wiggers/circulation/names.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
+#include <wiggers/heart/reduced_wall.hpp>
 
 namespace wiggers {
 
@@ -52,7 +50,8 @@ T ReducedWall::pressure_kPa(const T& V) const {
     const double b0 = outer_radius_m(w.sphere.V0_mL + w.sphere.Vw_mL);
     const double b_before = outer_radius_m(V_ + w.sphere.Vw_mL);
     p = p + 1e-3 *
-                (w.epicardial_stiffness_Pa_per_m * (b - b0) + w.epicardial_damping_Pa_s_per_m / dt_ * (b - b_before)) *
+                (w.epicardial_stiffness_Pa_per_m * (b - b0) +
+                 w.epicardial_damping_Pa_s_per_m / dt_ * (b - b_before)) *
                 square(T(b0 / b));
   }
   return p;
@@ -81,17 +80,19 @@ void ReducedWall::advance_force(double dt) {
   const auto& p = force_.constants().p;
   const double SL = p[Rdq20::SL0] * stretch_;
   if (Rdq20::dissociation_constant(SL, p) <= 0)
-    throw NumericalFailure(fmt::format(
-        "{}: sarcomere length {:.4g} um makes the calcium dissociation constant of RDQ20 negative: the wall is "
-        "stretched beyond the force model. Check volumes and stiffness of this wall.",
-        chamber_names[chamber_[0]], SL));
+    throw NumericalFailure(
+        fmt::format("{}: sarcomere length {:.4g} um makes the calcium dissociation constant of RDQ20 "
+                    "negative: the wall is "
+                    "stretched beyond the force model. Check volumes and stiffness of this wall.",
+                    chamber_names[chamber_[0]], SL));
   const double calcium = cell_->calcium_uM();
   regulation_ = force_.step_regulation(bridges_.data(), calcium, SL, dt, parameters_.regulatory_substeps);
   for (int i = 0; i < Rdq20::n_probabilities; ++i)
     if (!(bridges_[i] > -1e-6 && bridges_[i] < 1 + 1e-6))
-      throw NumericalFailure(fmt::format("{}: probability {} = {} of RDQ20 left [0, 1]; try a smaller "
-                                         "regulatory_substep_us.",
-                                         chamber_names[chamber_[0]], Rdq20::states[i].name, bridges_[i]));
+      throw NumericalFailure(
+          fmt::format("{}: probability {} = {} of RDQ20 left [0, 1]; try a smaller "
+                      "regulatory_substep_us.",
+                      chamber_names[chamber_[0]], Rdq20::states[i].name, bridges_[i]));
   const double v_before = -(stretch_ - stretch_before_) / dt;  // shortening positive
   std::copy(bridges_.begin() + 16, bridges_.end(), moments_before_.begin());
   const double S0_start = moments_before_[0] + moments_before_[2];

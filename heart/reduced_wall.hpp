@@ -8,7 +8,6 @@
 
 #include <array>
 #include <memory>
-
 #include <wiggers/cellmodels/rdq20_stepper.hpp>
 #include <wiggers/heart/cell_source.hpp>
 #include <wiggers/heart/sphere.hpp>
@@ -33,7 +32,8 @@ struct ReducedWallParameters {
 // How strain reaches the crossbridges in a step.
 enum class RateScheme {
   lagged,    // the strain rate of the previous step; T + K (lambda - lambda^n) if stabilised
-  implicit,  // bridges predicted without sliding, stiffness averaged over the step, repeated with the true rate
+  implicit,  // bridges predicted without sliding, stiffness averaged over the step, repeated with the true
+             // rate
   none       // no stretch-rate feedback: rate and K are zero
 };
 inline constexpr std::array<std::string_view, 3> rate_scheme_names = {"lagged", "implicit", "none"};
@@ -78,13 +78,13 @@ class ReducedWall final : public Wall {
   double V_ = 0;
   double stretch_ = 1, stretch_before_ = 1;  // at the start of the step, and one step earlier
   // Of the current step.
-  double tension_ = 0, stiffness_ = 0;       // kPa, rest tension removed
+  double tension_ = 0, stiffness_ = 0;  // kPa, rest tension removed
   double dt_ = 1;
-  double newton_V_ = 0;                      // Newton's iterate
+  double newton_V_ = 0;  // Newton's iterate
   double dV_dp_ = 0, linearised_V_ = 0;
-  Rdq20::Regulation<double> regulation_{};   // implicit rate: to repeat the bridge step
+  Rdq20::Regulation<double> regulation_{};  // implicit rate: to repeat the bridge step
   std::array<double, 4> moments_before_{};
-  std::vector<double> backup_;               // for reject_step
+  std::vector<double> backup_;  // for reject_step
 };
 
 }  // namespace wiggers

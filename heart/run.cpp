@@ -1,18 +1,16 @@
-#include <wiggers/heart/run.hpp>
+#include <fmt/format.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <limits>
-
-#include <fmt/format.h>
-#include <unistd.h>
-
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/result_file.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/elastance_wall.hpp>
+#include <wiggers/heart/run.hpp>
 #include <wiggers/heart/summary.hpp>
 
 namespace wiggers {
@@ -51,17 +49,19 @@ void HeartRun::prepare(Progress::Style style) {
       if (cell.from_limit_cycle) {
         Progress progress(fmt::format("cells {} ({})", name, cell.ionic->name), style);
         LimitCycleSettings settings;
-        paced.certificate = one.to_limit_cycle(paced.state_at_onset, settings, [&](const LimitCycleCertificate& c) {
-          progress.update(-1, fmt::format("beat {}, distance {:.1e}", c.beats, c.distance));
-        });
+        paced.certificate =
+            one.to_limit_cycle(paced.state_at_onset, settings, [&](const LimitCycleCertificate& c) {
+              progress.update(-1, fmt::format("beat {}, distance {:.1e}", c.beats, c.distance));
+            });
         if (paced.certificate.verdict != LimitCycleVerdict::period_1)
-          throw NumericalFailure(fmt::format(
-              "cells {}: {} at {} ms did not reach its limit cycle: {} after {} beats, distance {:.2g}. Use start = "
-              "\"published\" or another period.",
-              name, cell.ionic->name, scene_.period_s * 1e3, to_string(paced.certificate.verdict),
-              paced.certificate.beats, paced.certificate.distance));
-        progress.finish(fmt::format("on the limit cycle after {} beats, distance {:.1e}", paced.certificate.beats,
-                                    paced.certificate.distance));
+          throw NumericalFailure(
+              fmt::format("cells {}: {} at {} ms did not reach its limit cycle: {} after {} beats, distance "
+                          "{:.2g}. Use start = "
+                          "\"published\" or another period.",
+                          name, cell.ionic->name, scene_.period_s * 1e3, to_string(paced.certificate.verdict),
+                          paced.certificate.beats, paced.certificate.distance));
+        progress.finish(fmt::format("on the limit cycle after {} beats, distance {:.1e}",
+                                    paced.certificate.beats, paced.certificate.distance));
         paced.charge_drift_mV = one.invariant_drift();
       }
       double low = std::numeric_limits<double>::infinity(), high = 0;
@@ -113,8 +113,9 @@ void HeartRun::build() {
     walls.push_back(std::make_unique<ReducedWall>(chamber, reduced, plan.force_parameters, std::move(source),
                                                   scene_.rate, scene_.stabilise_active_stress));
   }
-  driver_ = std::make_unique<HeartDriver>(
-      DriverSettings{scene_.period_s, scene_.dt_s, scene_.stabilise_volumes}, scene_.circulation, std::move(walls));
+  driver_ =
+      std::make_unique<HeartDriver>(DriverSettings{scene_.period_s, scene_.dt_s, scene_.stabilise_volumes},
+                                    scene_.circulation, std::move(walls));
   LimitCycleSettings settings = scene_.limit_cycle;
   if (!scene_.until_limit_cycle) {
     // A number of beats was asked for: judge, but neither accelerate nor stop.
@@ -141,16 +142,17 @@ void HeartRun::resume(const std::filesystem::path& path) {
       const std::size_t begin = offset == 0 ? 0 : text.rfind('\n', offset - 1) + 1;
       return text.substr(begin, text.find('\n', offset) - begin);
     };
-    throw InputError(fmt::format("--resume {}: it was computed from another scene: there '{}', here '{}'", path.string(),
-                                 line_at(saved, difference.first), line_at(now, difference.second)));
+    throw InputError(fmt::format("--resume {}: it was computed from another scene: there '{}', here '{}'",
+                                 path.string(), line_at(saved, difference.first),
+                                 line_at(now, difference.second)));
   }
   for (const auto& [name, cell] : scene_.cells) {
     const std::string group = "/checkpoint/cells/" + name;
     PacedCellType paced;
     if (cell.ionic) paced.state_at_onset = file.dataset(group + "/state_at_onset");
     const std::vector<double> facts = file.dataset(group + "/facts");
-    paced.certificate = {static_cast<LimitCycleVerdict>(static_cast<int>(facts.at(0))), facts.at(1), facts.at(2),
-                         facts.at(3), static_cast<int>(facts.at(4))};
+    paced.certificate = {static_cast<LimitCycleVerdict>(static_cast<int>(facts.at(0))), facts.at(1),
+                         facts.at(2), facts.at(3), static_cast<int>(facts.at(4))};
     paced.calcium_min_uM = facts.at(5);
     paced.calcium_max_uM = facts.at(6);
     paced.charge_drift_mV = facts.at(7);
@@ -187,7 +189,6 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
   const auto finished = [&] {
     return scene_.until_limit_cycle ? !search_->running() : cost_.beats >= scene_.beats;
   };
-  if (result) write(*result);
   std::vector<double> good = driver_->save();
   while (!finished()) {
     try {
@@ -196,8 +197,8 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
     } catch (const Interrupted&) {
       if (!result) throw Interrupted("stopped on request; no -o was given, nothing was saved");
       write(*result);
-      throw Interrupted(fmt::format("stopped on request after {} beats; continue with --resume {}", cost_.beats,
-                                    result->string()));
+      throw Interrupted(fmt::format("stopped on request after {} beats; continue with --resume {}",
+                                    cost_.beats, result->string()));
     }
     const CirculationValues start = driver_->values();
     Table trace = driver_->trace();
@@ -213,9 +214,9 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
       if (!recovered) {
         cost_.heart_s = heart_before + seconds_since(begin);
         if (result) write(*result);
-        throw NumericalFailure(fmt::format("beat {}: {}{}", cost_.beats + 1, failure.what(),
-                                           result ? fmt::format(" The last good state is in {}.", result->string())
-                                                  : std::string()));
+        throw NumericalFailure(fmt::format(
+            "beat {}: {}{}", cost_.beats + 1, failure.what(),
+            result ? fmt::format(" The last good state is in {}.", result->string()) : std::string()));
       }
     }
     ++cost_.beats;
@@ -273,7 +274,8 @@ void HeartRun::write(const std::filesystem::path& path) const {
         place = "/cells/" + name.substr(0, dot) + "/" + name.substr(dot + 1);
       } else if (std::find(valve_names.begin(), valve_names.end(), name.substr(2)) != valve_names.end()) {
         place = "/valves/" + name.substr(2) + "/flow";
-      } else if (std::find(chamber_names.begin(), chamber_names.end(), name.substr(2)) != chamber_names.end()) {
+      } else if (std::find(chamber_names.begin(), chamber_names.end(), name.substr(2)) !=
+                 chamber_names.end()) {
         place = "/cavities/" + name.substr(2) + (name[0] == 'V' ? "/volume" : "/pressure");
       } else {
         place = "/circulation/" + name;
@@ -285,11 +287,13 @@ void HeartRun::write(const std::filesystem::path& path) const {
     file.text("/summary", summarise(*this).dump());
   }
   file.text("/limit_cycle/verdict", to_string(certificate_.verdict));
-  file.scalar("/limit_cycle/distance", certificate_.distance, "1", "estimated scaled distance to the limit cycle");
+  file.scalar("/limit_cycle/distance", certificate_.distance, "1",
+              "estimated scaled distance to the limit cycle");
   file.scalar("/limit_cycle/residual", certificate_.residual, "1", "scaled change over the last beat");
   file.scalar("/limit_cycle/multiplier", certificate_.multiplier, "1", "estimated leading multiplier");
   file.scalar("/limit_cycle/beats", certificate_.beats, "1", "beats of the coupled heart");
-  file.scalar("/solver/newton_iterations", static_cast<double>(audit_.newton_iterations), "1", "in the last beat");
+  file.scalar("/solver/newton_iterations", static_cast<double>(audit_.newton_iterations), "1",
+              "in the last beat");
   file.scalar("/solver/steps", static_cast<double>(driver_->steps_per_beat()), "1", "per beat");
   file.scalar("/solver/cost_cells", cost_.cells_s, "s", "wall time of the cells' limit cycles");
   file.scalar("/solver/cost_heart", cost_.heart_s, "s", "wall time of the coupled heart");
@@ -307,8 +311,9 @@ void HeartRun::write(const std::filesystem::path& path) const {
   }
   file.dataset("/checkpoint/driver", driver_->save(), "mixed", "circulation, pressures, flows, walls");
   file.dataset("/checkpoint/search", search_->save(), "mixed", "memory of the limit-cycle search");
-  file.dataset("/checkpoint/run", {static_cast<double>(cost_.beats), volume_drift_, cost_.cells_s, cost_.heart_s},
-               "mixed", "beats, blood volume drift, costs");
+  file.dataset("/checkpoint/run",
+               {static_cast<double>(cost_.beats), volume_drift_, cost_.cells_s, cost_.heart_s}, "mixed",
+               "beats, blood volume drift, costs");
   std::vector<double> audit = {audit_.chamber_work_mmHg_mL,
                                audit_.dissipated_mmHg_mL,
                                audit_.blood_volume_change_mL,

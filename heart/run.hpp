@@ -1,5 +1,5 @@
-// A run: a scene brought to its limit cycle or through a number of beats, with checkpoints, a result file and a
-// summary. Cells first (to their own limit cycles), then the coupled heart.
+// A run: a scene brought to its limit cycle or through a number of beats, with checkpoints, a result file and
+// a summary. Cells first (to their own limit cycles), then the coupled heart.
 #pragma once
 
 #include <filesystem>
@@ -8,7 +8,6 @@
 #include <optional>
 #include <string>
 #include <vector>
-
 #include <wiggers/core/progress.hpp>
 #include <wiggers/heart/driver.hpp>
 #include <wiggers/heart/indexes.hpp>
@@ -22,7 +21,7 @@ struct PacedCellType {
   LimitCycleCertificate certificate;  // verdict running: started from the published state
   double calcium_min_uM = 0;          // of one beat, after rescaling
   double calcium_max_uM = 0;
-  double charge_drift_mV = 0;         // of the scheme in one beat
+  double charge_drift_mV = 0;  // of the scheme in one beat
 };
 
 struct RunCost {

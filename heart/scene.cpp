@@ -1,28 +1,30 @@
-#include <wiggers/heart/scene.hpp>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
-
-#include <fmt/format.h>
-
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/indexes.hpp>
+#include <wiggers/heart/scene.hpp>
 
 namespace wiggers {
 
 namespace {
 
 namespace keys {
-constexpr Quantity body_surface_area{"body_surface_area_m2", "m^2", 1.9, 0.1, 4, "divides volumes into indexed ones"};
+constexpr Quantity body_surface_area{
+    "body_surface_area_m2", "m^2", 1.9, 0.1, 4, "divides volumes into indexed ones"};
 constexpr Quantity stimulus{"stimulus_A_per_F", "A/F", -25.71, -1000, 0, "stimulus of the cells"};
 constexpr Quantity stimulus_duration{"stimulus_ms", "ms", 3, 0.1, 20, "duration of the stimulus"};
-constexpr Quantity calcium_factor{"calcium_factor", "1", 1, 0, 10, "rescaling of calcium at the force model's door"};
-constexpr Quantity calcium_rest{"calcium_rest_uM", "uM", 0.05, 0, 10, "prescribed transient: resting calcium"};
+constexpr Quantity calcium_factor{
+    "calcium_factor", "1", 1, 0, 10, "rescaling of calcium at the force model's door"};
+constexpr Quantity calcium_rest{
+    "calcium_rest_uM", "uM", 0.05, 0, 10, "prescribed transient: resting calcium"};
 constexpr Quantity calcium_peak{"calcium_peak_uM", "uM", 0.38, 0, 10, "prescribed transient: peak calcium"};
 constexpr Quantity rise{"rise_ms", "ms", 20, 0.1, 1000, "prescribed transient: time constant of the rise"};
 constexpr Quantity decay{"decay_ms", "ms", 60, 0.1, 5000, "prescribed transient: time constant of the decay"};
-constexpr Quantity activation{"activation_ms", "ms", 0, 0, 20000, "when the wall is stimulated, from the beat's start"};
+constexpr Quantity activation{
+    "activation_ms", "ms", 0, 0, 20000, "when the wall is stimulated, from the beat's start"};
 constexpr Quantity V0{"unloaded_volume_mL", "mL", 95, 0.1, 1e4, "cavity volume of the unloaded sphere"};
 constexpr Quantity Vw{"wall_volume_mL", "mL", 130, 0.1, 1e4, "volume of the wall"};
 constexpr Quantity stiffness{"stiffness_kPa", "kPa", 0.88, 1e-3, 1e3, "C of the Usyk law"};
@@ -33,14 +35,18 @@ constexpr Quantity n_f{"n_f", "1", 1, 0, 1, "share of active stress along the fi
 constexpr Quantity n_n{"n_n", "1", 0.4, 0, 1, "share of active stress across the fibre in the wall"};
 constexpr Quantity a_XB{"a_XB_kPa", "kPa", 3.75e5, 0, 1e8, "tension per unit of first crossbridge moment"};
 constexpr Quantity viscosity{"viscosity_Pa_s", "Pa s", 0, 0, 1e6, "viscosity of the wall"};
-constexpr Quantity robin_k{"epicardial_stiffness_Pa_per_m", "Pa/m", 0, 0, 1e8, "surroundings: spring on the epicardium"};
-constexpr Quantity robin_c{"epicardial_damping_Pa_s_per_m", "Pa s/m", 0, 0, 1e7, "surroundings: dashpot on the epicardium"};
+constexpr Quantity robin_k{"epicardial_stiffness_Pa_per_m",         "Pa/m", 0, 0, 1e8,
+                           "surroundings: spring on the epicardium"};
+constexpr Quantity robin_c{"epicardial_damping_Pa_s_per_m",          "Pa s/m", 0, 0, 1e7,
+                           "surroundings: dashpot on the epicardium"};
 constexpr Quantity dt{"dt_s", "s", 1e-3, 1e-6, 0.05, "step of mechanics and circulation; divides the period"};
 constexpr Quantity substep{"electrophysiology_substep_ms", "ms", 0.05, 1e-4, 1, "step of the ionic cells"};
-constexpr Quantity ru_substep{"regulatory_substep_us", "us", 25, 0.1, 1000, "step of RDQ20's regulatory units"};
+constexpr Quantity ru_substep{"regulatory_substep_us",           "us", 25, 0.1, 1000,
+                              "step of RDQ20's regulatory units"};
 constexpr Quantity beats{"beats", "1", 1, 1, 1e6, "number of beats to run"};
-constexpr Quantity distance{"distance", "1", 1e-6, 1e-10, 1e-1,
-                            "scaled distance to the limit cycle at which to stop (100 mL, 10 mmHg, 100 mL/s)"};
+constexpr Quantity distance{
+    "distance", "1",  1e-6,
+    1e-10,      1e-1, "scaled distance to the limit cycle at which to stop (100 mL, 10 mmHg, 100 mL/s)"};
 constexpr Quantity max_beats{"max_beats", "1", 300, 3, 1e6, "give up on the limit cycle after so many beats"};
 constexpr Quantity checkpoint{"checkpoint_every_s", "s", 1, 0, 1e6, "wall time between checkpoints of a run"};
 }  // namespace keys
@@ -68,7 +74,8 @@ CellType read_cells(SettingsReader& table, const std::string& name) {
     if (model->is_ionic()) kinds.emplace_back(model->name);
   kinds.emplace_back("transient");
   if (!table.has("ionic"))
-    throw InputError(fmt::format("{} is missing; choose one of {}", table.place("ionic"), fmt::join(kinds, ", ")));
+    throw InputError(
+        fmt::format("{} is missing; choose one of {}", table.place("ionic"), fmt::join(kinds, ", ")));
   const std::string ionic = table.choice("ionic", "", kinds, "ionic model");
   if (ionic == "transient") {
     cell.transient.rest_uM = table.number(keys::calcium_rest);
@@ -92,12 +99,14 @@ CellType read_cells(SettingsReader& table, const std::string& name) {
     cell.stimulus.amplitude_A_per_F = table.number(keys::stimulus);
     cell.stimulus.duration_ms = table.number(keys::stimulus_duration);
     const std::vector<std::string> starts = {"limit-cycle", "published"};
-    cell.from_limit_cycle = table.choice("start", "limit-cycle", starts, "start of the cells") == "limit-cycle";
+    cell.from_limit_cycle =
+        table.choice("start", "limit-cycle", starts, "start of the cells") == "limit-cycle";
     if (cell.from_limit_cycle && !cell.ionic->keeps_invariant(cell.ionic_parameters.data()))
-      throw InputError(fmt::format(
-          "{}: these parameters book the stimulus charge to no ion, so the cell has no limit cycle; use start = "
-          "\"published\" or another parameter set",
-          table.place("start")));
+      throw InputError(
+          fmt::format("{}: these parameters book the stimulus charge to no ion, so the cell has no limit "
+                      "cycle; use start = "
+                      "\"published\" or another parameter set",
+                      table.place("start")));
     cell.rescaling.factor = table.number(keys::calcium_factor);
     const std::string reading = table.choice("calcium_reading", calcium_reading_names[0],
                                              as_strings(calcium_reading_names), "calcium reading");
@@ -108,20 +117,24 @@ CellType read_cells(SettingsReader& table, const std::string& name) {
   table.choice("force", force.name, forces, "force model");
   std::vector<std::string> sets;
   for (const ParameterSet& set : force.parameter_sets) sets.emplace_back(set.name);
-  cell.force_parameters = force.parameter_values(table.choice("parameters", "human37", sets, "force parameter set"));
+  cell.force_parameters =
+      force.parameter_values(table.choice("parameters", "human37", sets, "force parameter set"));
   if (table.has("force_changes")) read_parameters(table.table("force_changes"), force, cell.force_parameters);
   return cell;
 }
 
-WallPlan read_wall(SettingsReader& table, int chamber, double period_s, const std::map<std::string, CellType>& cells) {
+WallPlan read_wall(SettingsReader& table, int chamber, double period_s,
+                   const std::map<std::string, CellType>& cells) {
   WallPlan wall;
   const std::vector<std::string> kinds = {"elastance", "reduced"};
   if (table.is_text("kind") && table.text("kind", "") == "tissue")
-    throw InputError(fmt::format("{}: this build has no 3D tissue; use kind = \"reduced\"", table.place("kind")));
+    throw InputError(
+        fmt::format("{}: this build has no 3D tissue; use kind = \"reduced\"", table.place("kind")));
   wall.kind = table.choice("kind", "elastance", kinds, "kind of wall");
   if (wall.kind == "elastance") {
     const auto sets = circulation_set_names(true);
-    const std::string set = table.choice("parameters", "wiggers-healthy-0d", sets, "circulation parameter set");
+    const std::string set =
+        table.choice("parameters", "wiggers-healthy-0d", sets, "circulation parameter set");
     wall.elastance = read_elastance(table, find_circulation_set(set).loop.elastance[chamber]);
     check_elastance(wall.elastance, period_s, table.place("TC").c_str());
     return wall;
@@ -129,7 +142,8 @@ WallPlan read_wall(SettingsReader& table, int chamber, double period_s, const st
   std::vector<std::string> known;
   for (const auto& entry : cells) known.push_back(entry.first);
   if (known.empty())
-    throw InputError(fmt::format("{}: a reduced wall needs an entry of [cells] to drive it", table.place("cells")));
+    throw InputError(
+        fmt::format("{}: a reduced wall needs an entry of [cells] to drive it", table.place("cells")));
   wall.cells = table.choice("cells", known.front(), known, "entry of [cells]");
   wall.activation_ms = table.number(keys::activation);
   if (wall.activation_ms >= period_s * 1e3)
@@ -162,7 +176,8 @@ void merge(SettingsTable& base, const SettingsTable& over) {
         // A wall or cell of another kind shares no keys with the old one: it replaces it.
         const auto kind_of = [](const SettingsTable& t, const char* name) {
           const auto entry = t.entries.find(name);
-          const std::string* text = entry == t.entries.end() ? nullptr : std::get_if<std::string>(&entry->second.data);
+          const std::string* text =
+              entry == t.entries.end() ? nullptr : std::get_if<std::string>(&entry->second.data);
           return text ? *text : std::string();
         };
         bool replaced = false;
@@ -179,8 +194,8 @@ void merge(SettingsTable& base, const SettingsTable& over) {
   }
 }
 
-std::shared_ptr<SettingsTable> with_base(std::shared_ptr<SettingsTable> table, const std::filesystem::path& file,
-                                         int depth) {
+std::shared_ptr<SettingsTable> with_base(std::shared_ptr<SettingsTable> table,
+                                         const std::filesystem::path& file, int depth) {
   const auto it = table->entries.find("base");
   if (it == table->entries.end()) return table;
   const auto* name = std::get_if<std::string>(&it->second.data);
@@ -224,16 +239,18 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
     }
   for (int c = 0; c < n_chambers; ++c) {
     if (!walls.has(chamber_names[c]))
-      throw InputError(fmt::format("{} is missing: the closed loop needs a wall for each of LA, LV, RA and RV; the "
-                                   "cheapest is kind = \"elastance\"",
-                                   walls.place(chamber_names[c])));
+      throw InputError(
+          fmt::format("{} is missing: the closed loop needs a wall for each of LA, LV, RA and RV; the "
+                      "cheapest is kind = \"elastance\"",
+                      walls.place(chamber_names[c])));
     scene.walls.emplace(c, read_wall(walls.table(chamber_names[c]), c, scene.period_s, scene.cells));
   }
   // Cells that no wall uses are not built.
   std::erase_if(scene.cells, [&](const auto& entry) {
     const bool used = std::any_of(scene.walls.begin(), scene.walls.end(),
                                   [&](const auto& wall) { return wall.second.cells == entry.first; });
-    if (!used) scene.warnings.push_back(fmt::format("cells.{} is used by no wall and is left out", entry.first));
+    if (!used)
+      scene.warnings.push_back(fmt::format("cells.{} is used by no wall and is left out", entry.first));
     return !used;
   });
 
@@ -251,16 +268,17 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
   scene.dt_s = solver.number(keys::dt);
   const double steps = scene.period_s / scene.dt_s;
   if (std::abs(steps - std::round(steps)) > 1e-6 * steps || steps < 10)
-    throw InputError(fmt::format("{} = {} s does not divide the period, {} s, into at least ten whole steps; the "
-                                 "nearest that does is {:.6g} s",
-                                 solver.place("dt_s"), scene.dt_s, scene.period_s,
-                                 scene.period_s / std::max(10.0, std::round(steps))));
+    throw InputError(
+        fmt::format("{} = {} s does not divide the period, {} s, into at least ten whole steps; the "
+                    "nearest that does is {:.6g} s",
+                    solver.place("dt_s"), scene.dt_s, scene.period_s,
+                    scene.period_s / std::max(10.0, std::round(steps))));
   scene.electrophysiology_substep_ms = solver.number(keys::substep);
-  scene.electrophysiology_integrator =
-      solver.choice("electrophysiology_integrator", "rush-larsen", as_strings(fixed_step_integrators()), "integrator");
+  scene.electrophysiology_integrator = solver.choice("electrophysiology_integrator", "rush-larsen",
+                                                     as_strings(fixed_step_integrators()), "integrator");
   scene.regulatory_substep_us = solver.number(keys::ru_substep);
-  const std::string rate =
-      solver.choice("stretch_rate", rate_scheme_names[0], as_strings(rate_scheme_names), "stretch-rate scheme");
+  const std::string rate = solver.choice("stretch_rate", rate_scheme_names[0], as_strings(rate_scheme_names),
+                                         "stretch-rate scheme");
   for (std::size_t k = 0; k < rate_scheme_names.size(); ++k)
     if (rate == rate_scheme_names[k]) scene.rate = static_cast<RateScheme>(k);
   SettingsReader& stabilise = solver.table("stabilise");
@@ -271,8 +289,10 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
   const std::vector<std::string> ends = {"limit-cycle", "beats"};
   const bool counted = run.has("beats");
   if (counted && run.is_text("until") && run.text("until", "") == "limit-cycle")
-    throw InputError(fmt::format("{}: give until = \"limit-cycle\" or a number of beats, not both", run.place("beats")));
-  scene.until_limit_cycle = run.choice("until", counted ? "beats" : "limit-cycle", ends, "end of the run") == "limit-cycle";
+    throw InputError(
+        fmt::format("{}: give until = \"limit-cycle\" or a number of beats, not both", run.place("beats")));
+  scene.until_limit_cycle =
+      run.choice("until", counted ? "beats" : "limit-cycle", ends, "end of the run") == "limit-cycle";
   if (!scene.until_limit_cycle) scene.beats = static_cast<int>(run.integer(keys::beats));
   scene.limit_cycle.distance = run.number(keys::distance);
   scene.limit_cycle.max_beats = static_cast<int>(run.integer(keys::max_beats));
@@ -284,7 +304,8 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
   reader.finish();
   const double substep_s = scene.regulatory_substep_us * 1e-6;
   for (auto& [chamber, wall] : scene.walls)
-    wall.reduced.regulatory_substeps = std::max(1, static_cast<int>(std::ceil(scene.dt_s / substep_s - 1e-9)));
+    wall.reduced.regulatory_substeps =
+        std::max(1, static_cast<int>(std::ceil(scene.dt_s / substep_s - 1e-9)));
   scene.text = reader.full();
   return scene;
 }
@@ -297,7 +318,8 @@ Scene read_scene(const std::filesystem::path& path, const std::vector<std::strin
   return interpret(table, path.filename().string());
 }
 
-Scene read_scene_text(const std::string& text, const std::string& name, const std::vector<std::string>& overrides) {
+Scene read_scene_text(const std::string& text, const std::string& name,
+                      const std::vector<std::string>& overrides) {
   auto table = parse_settings_text(text, name);
   for (const std::string& assignment : overrides) override_setting(*table, assignment);
   return interpret(table, name);

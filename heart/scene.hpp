@@ -1,4 +1,5 @@
-// Scenes: which chambers there are, how each is modelled, what drives them, how it is solved and for how long.
+// Scenes: which chambers there are, how each is modelled, what drives them, how it is solved and for how
+// long.
 //
 // A scene is a TOML file. `base = "other.toml"` starts from another scene (path relative to this one) and
 // changes what is named. What is not named is not built. Unknown keys are refused with the nearest name.
@@ -9,7 +10,6 @@
 #include <optional>
 #include <string>
 #include <vector>
-
 #include <wiggers/cellmodels/calcium.hpp>
 #include <wiggers/cellmodels/catalogue.hpp>
 #include <wiggers/circulation/loop.hpp>
@@ -65,7 +65,8 @@ struct Scene {
 
 // Reads and checks a scene file with overrides ("solver.dt_s=5e-4"). Refuses with InputError before any work.
 Scene read_scene(const std::filesystem::path& path, const std::vector<std::string>& overrides);
-Scene read_scene_text(const std::string& text, const std::string& name, const std::vector<std::string>& overrides);
+Scene read_scene_text(const std::string& text, const std::string& name,
+                      const std::vector<std::string>& overrides);
 
 // When the atria are stimulated (s): the phase mark of circulation indexes.
 double atrial_stimulus_s(const Scene& scene);

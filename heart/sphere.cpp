@@ -1,6 +1,5 @@
-#include <wiggers/heart/sphere.hpp>
-
 #include <cmath>
+#include <wiggers/heart/sphere.hpp>
 
 namespace wiggers {
 

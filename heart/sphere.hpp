@@ -4,14 +4,13 @@
 //   v = V + xi - V0; both tangential stretches are lambda = (v/xi)^(1/3), the radial one lambda^-2.
 //   Radial equilibrium:  p - p_e = integral (sigma_ff + sigma_nn - 2 sigma_ss) / (3 v) dxi
 //
-// The tangential stretch is equibiaxial, so the helix-angle distribution drops out of the pressure exactly: only
-// n_f + n_n and n_s matter. (In 3D it does not quite: at a given pressure the volume is 0.5-4 % larger than the
-// sphere's, depending on the helix. A modelling error of the reduction.)
-// Passive law: Usyk, W = C/2 (e^Q - 1), Q = b_ff E_ff^2 + b_nn E_nn^2 + b_ss E_ss^2.
+// The tangential stretch is equibiaxial, so the helix-angle distribution drops out of the pressure exactly:
+// only n_f + n_n and n_s matter. (In 3D it does not quite: at a given pressure the volume is 0.5-4 % larger
+// than the sphere's, depending on the helix. A modelling error of the reduction.) Passive law: Usyk, W = C/2
+// (e^Q - 1), Q = b_ff E_ff^2 + b_nn E_nn^2 + b_ss E_ss^2.
 #pragma once
 
 #include <array>
-
 #include <wiggers/core/numbers.hpp>
 
 namespace wiggers {
@@ -76,7 +75,8 @@ T passive_pressure(const SphereWall& wall, const UsykLaw& law, const GaussRule<n
     const T E_t = 0.5 * (lambda2 - 1.0);
     const T E_r = 0.5 * (lambda4_inverse - 1.0);
     const T stress = law.C_kPa * exp(usyk_exponent(law, E_t, E_r));
-    const T difference = stress * ((law.b_ff + law.b_nn) * E_t * lambda2 - 2.0 * law.b_ss * E_r * lambda4_inverse);
+    const T difference =
+        stress * ((law.b_ff + law.b_nn) * E_t * lambda2 - 2.0 * law.b_ss * E_r * lambda4_inverse);
     sum = sum + (rule.weight[q] * wall.Vw_mL / 3.0) * difference / v;
   }
   return sum;
@@ -97,11 +97,12 @@ T passive_energy(const SphereWall& wall, const UsykLaw& law, const GaussRule<n>&
   return sum;
 }
 
-// Mean of the Cauchy part of the tangential stress for fibres at helix angles alpha(x), x in [0, 1] through the
-// wall, with stresses s_f and s_n: the trace that enters the pressure. Kept to test the invariance to alpha.
+// Mean of the Cauchy part of the tangential stress for fibres at helix angles alpha(x), x in [0, 1] through
+// the wall, with stresses s_f and s_n: the trace that enters the pressure. Kept to test the invariance to
+// alpha.
 template <class AlphaOfX>
-double active_pressure_with_helix(const SphereWall& wall, const GaussRule<8>& rule, double V, double s_f, double s_n,
-                                  AlphaOfX alpha);
+double active_pressure_with_helix(const SphereWall& wall, const GaussRule<8>& rule, double V, double s_f,
+                                  double s_n, AlphaOfX alpha);
 
 // One-fibre relation: uniform fibre stress sigma_f gives p = (sigma_f/3) ln(1 + Vw/V), exactly.
 template <class T>
@@ -115,8 +116,8 @@ T one_fibre_pressure_approximate(const T& fibre_stress, double Vw, const T& V) {
 }
 
 template <class AlphaOfX>
-double active_pressure_with_helix(const SphereWall& wall, const GaussRule<8>& rule, double V, double s_f, double s_n,
-                                  AlphaOfX alpha) {
+double active_pressure_with_helix(const SphereWall& wall, const GaussRule<8>& rule, double V, double s_f,
+                                  double s_n, AlphaOfX alpha) {
   double sum = 0;
   for (int q = 0; q < 8; ++q) {
     const double xi = wall.V0_mL + wall.Vw_mL * rule.point[q];

@@ -1,10 +1,8 @@
-#include <wiggers/heart/summary.hpp>
-
-#include <cmath>
-
 #include <fmt/format.h>
 
+#include <cmath>
 #include <wiggers/heart/run.hpp>
+#include <wiggers/heart/summary.hpp>
 
 #ifndef WIGGERS_VERSION
 #define WIGGERS_VERSION "unknown"
@@ -118,13 +116,13 @@ Json summarise(const HeartRun& run) {
   }
   if (!cells.is_null()) out["cells"] = cells;
   const BeatAudit& audit = run.audit();
-  out["audits"] = {{"blood_volume_drift_mL", run.blood_volume_drift_mL()},
-                   {"energy_imbalance", imbalance(audit.chamber_work_mmHg_mL, audit.dissipated_mmHg_mL)},
-                   {"chamber_work_mmHg_mL", audit.chamber_work_mmHg_mL},
-                   {"dissipated_mmHg_mL", audit.dissipated_mmHg_mL},
-                   {"volume_mismatch_mL", audit.volume_mismatch_mL},
-                   {"stroke_volume_difference_mL",
-                    std::abs(audit.valve_volume_mL[AV] - audit.valve_volume_mL[PV])}};
+  out["audits"] = {
+      {"blood_volume_drift_mL", run.blood_volume_drift_mL()},
+      {"energy_imbalance", imbalance(audit.chamber_work_mmHg_mL, audit.dissipated_mmHg_mL)},
+      {"chamber_work_mmHg_mL", audit.chamber_work_mmHg_mL},
+      {"dissipated_mmHg_mL", audit.dissipated_mmHg_mL},
+      {"volume_mismatch_mL", audit.volume_mismatch_mL},
+      {"stroke_volume_difference_mL", std::abs(audit.valve_volume_mL[AV] - audit.valve_volume_mL[PV])}};
   out["flips"] = flips_json(run.trace());
   out["cost"] = {{"wall_s", run.cost().cells_s + run.cost().heart_s},
                  {"beats", run.cost().beats},
@@ -136,7 +134,8 @@ Json summarise(const HeartRun& run) {
   if (run.scene().until_limit_cycle && run.certificate().verdict != LimitCycleVerdict::period_1)
     warnings.push_back("the limit cycle was not reached; the indexes are of the last beat");
   if (out["flips"]["p_LV_mmHg"].get<double>() > 1)
-    warnings.push_back("pressure and flow oscillate from step to step: see flips; switch the stabilisations on");
+    warnings.push_back(
+        "pressure and flow oscillate from step to step: see flips; switch the stabilisations on");
   if (audit.newton_iterations > 12 * run.scene().period_s / run.scene().dt_s)
     warnings.push_back("the cavity Newton needs more than 12 iterations a step on average");
   out["warnings"] = warnings;
@@ -185,9 +184,14 @@ Json summarise(const LoopSummary& loop) {
 void write_indexes(ResultWriter& file, const BeatIndexes& b, double bsa) {
   const Json all = index_json(b);
   // Every number of the JSON summary becomes /indexes/...; the unit is the last part of its name.
-  const std::vector<std::pair<std::string, std::string>> units = {
-      {"_mmHg_per_s", "mmHg/s"}, {"_mL_per_s", "mL/s"}, {"_L_per_min", "L/min"}, {"_percent", "%"},
-      {"_mmHg", "mmHg"},         {"_mL", "mL"},         {"_J", "J"},             {"_s", "s"}};
+  const std::vector<std::pair<std::string, std::string>> units = {{"_mmHg_per_s", "mmHg/s"},
+                                                                  {"_mL_per_s", "mL/s"},
+                                                                  {"_L_per_min", "L/min"},
+                                                                  {"_percent", "%"},
+                                                                  {"_mmHg", "mmHg"},
+                                                                  {"_mL", "mL"},
+                                                                  {"_J", "J"},
+                                                                  {"_s", "s"}};
   const auto store = [&](auto&& self, const std::string& path, const Json& value) -> void {
     if (value.is_object()) {
       for (const auto& [key, inner] : value.items()) self(self, path + "/" + key, inner);
@@ -205,7 +209,8 @@ void write_indexes(ResultWriter& file, const BeatIndexes& b, double bsa) {
   for (const ReferenceRange& range : reference_ranges()) {
     const std::string group = fmt::format("/reference_ranges/{}", range.index);
     const std::string unit(range.unit);
-    file.scalar(group + "/value", indexed_value(b, range.index, bsa), unit, "value of this beat, per body surface area");
+    file.scalar(group + "/value", indexed_value(b, range.index, bsa), unit,
+                "value of this beat, per body surface area");
     file.scalar(group + "/lower", range.lower, unit, "lower end of the reference range");
     file.scalar(group + "/upper", range.upper, unit, "upper end of the reference range");
     file.scalar(group + "/mean", range.mean, unit, "mean of the reference population");
@@ -253,8 +258,8 @@ std::string index_table(const BeatIndexes& b, double bsa) {
   for (const ReferenceRange& range : reference_ranges()) {
     const double value = indexed_value(b, range.index, bsa);
     const char* flag = value < range.lower ? "below" : value > range.upper ? "above" : "";
-    line(fmt::format("{:<11}{:>9.1f} {:<6}{:>8.0f} to {:>6.0f}   {}", range.index, value, range.unit, range.lower,
-                     range.upper, flag));
+    line(fmt::format("{:<11}{:>9.1f} {:<6}{:>8.0f} to {:>6.0f}   {}", range.index, value, range.unit,
+                     range.lower, range.upper, flag));
   }
   line(fmt::format("(volumes per body surface area of {} m2)", bsa));
   return out;

@@ -1,10 +1,9 @@
-// The summary of a beat as JSON (the last line of `--json`), as entries of a result file and as a table to read.
+// The summary of a beat as JSON (the last line of `--json`), as entries of a result file and as a table to
+// read.
 #pragma once
 
-#include <string>
-
 #include <nlohmann/json.hpp>
-
+#include <string>
 #include <wiggers/circulation/circulation.hpp>
 #include <wiggers/core/limit_cycle.hpp>
 #include <wiggers/core/result_file.hpp>

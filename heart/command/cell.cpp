@@ -1,10 +1,9 @@
-#include <cmath>
-#include <memory>
-
 #include <fmt/core.h>
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
@@ -38,8 +37,8 @@ void evaluate_rows(const CellModel& model, const std::vector<double>& parameters
   Table out;
   out.add("case", "");
   for (const Quantity& q : model.states)
-    out.add(fmt::format("d{}/dt", q.name),
-            q.unit == "1" ? fmt::format("1/{}", model.time_unit) : fmt::format("{}/{}", q.unit, model.time_unit));
+    out.add(fmt::format("d{}/dt", q.name), q.unit == "1" ? fmt::format("1/{}", model.time_unit)
+                                                         : fmt::format("{}/{}", q.unit, model.time_unit));
   for (const Quantity& q : model.observables) out.add(std::string(q.name), std::string(q.unit));
   std::vector<double> y(model.states.size()), in(model.inputs.size()), rates(y.size()),
       observables(model.observables.size());
@@ -90,12 +89,14 @@ void write_table(const std::string& path, const Table& table, const std::string&
 
 void pace(const CellModel& model, const std::vector<double>& parameters, const Options& o) {
   if (!model.is_ionic())
-    throw InputError(fmt::format("{} is a force model: it is driven by calcium and length, see wiggers force", model.name));
+    throw InputError(fmt::format("{} is a force model: it is driven by calcium and length, see wiggers force",
+                                 model.name));
   const bool to_cycle = end_of_run(o.until, o.beats);
   if (!o.output.empty()) require_writable(o.output, "-o");
   if (!o.final_state.empty()) require_writable(o.final_state, "--final-state");
   if (!(o.sample_ms >= 1e-3 && o.sample_ms <= o.period_ms))
-    throw InputError(fmt::format("--sample-ms {} is outside 0.001 to the period {} ms", o.sample_ms, o.period_ms));
+    throw InputError(
+        fmt::format("--sample-ms {} is outside 0.001 to the period {} ms", o.sample_ms, o.period_ms));
   StimulusPulse pulse = model.default_stimulus;
   if (o.stimulus_given) pulse.amplitude_A_per_F = o.stimulus;
   if (o.duration_given) pulse.duration_ms = o.duration_ms;
@@ -104,7 +105,8 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   std::vector<double> state = o.start.empty() ? model.default_state() : read_state(model, o.start);
   const double charge = model.invariant(state.data(), parameters.data());
 
-  Progress progress(fmt::format("cell {}", model.name), o.quiet ? Progress::Style::quiet : Progress::Style::automatic);
+  Progress progress(fmt::format("cell {}", model.name),
+                    o.quiet ? Progress::Style::quiet : Progress::Style::automatic);
   LimitCycleCertificate certificate;
   int beats = 0;
   if (to_cycle) {
@@ -125,7 +127,8 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   // The last beat, sampled. On a limit cycle it is one beat more, from the cycle.
   Table table;
   table.add("t", "ms", "time since the beginning of the beat");
-  for (const Quantity& q : model.states) table.add(std::string(q.name), std::string(q.unit), std::string(q.meaning));
+  for (const Quantity& q : model.states)
+    table.add(std::string(q.name), std::string(q.unit), std::string(q.meaning));
   for (const Quantity& q : model.observables)
     table.add(std::string(q.name), std::string(q.unit), std::string(q.meaning));
   std::vector<double> rates(model.states.size()), observables(model.observables.size());
@@ -155,18 +158,21 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   summary["Ca_i_min_mM"] = *std::min_element(Ca.begin(), Ca.end());
   if (const auto apd = action_potential_duration(table.columns[0].values, V, 0.9)) summary["APD90_ms"] = *apd;
   if (model.keeps_invariant(parameters.data()))
-    summary["charge_drift_mV"] = to_cycle ? cell.invariant_drift() : model.invariant(state.data(), parameters.data()) - charge;
+    summary["charge_drift_mV"] =
+        to_cycle ? cell.invariant_drift() : model.invariant(state.data(), parameters.data()) - charge;
   for (std::size_t i = 0; i < model.states.size(); ++i)
     summary["end_state"][std::string(model.states[i].name)] = state[i];
 
   fmt::print("{}: {}, period {} ms, {} beats\n", model.name, model.title, o.period_ms, beats);
   if (to_cycle)
-    fmt::print("limit cycle: {}, distance {:.1e}, leading multiplier {:.4f}\n", to_string(certificate.verdict),
-               certificate.distance, certificate.multiplier);
+    fmt::print("limit cycle: {}, distance {:.1e}, leading multiplier {:.4f}\n",
+               to_string(certificate.verdict), certificate.distance, certificate.multiplier);
   fmt::print("V {:.3f} to {:.3f} mV, Ca_i {:.4g} to {:.4g} mM{}\n", summary["V_min_mV"].get<double>(),
              summary["V_max_mV"].get<double>(), summary["Ca_i_min_mM"].get<double>(),
              summary["Ca_i_max_mM"].get<double>(),
-             summary.contains("APD90_ms") ? fmt::format(", APD90 {:.3f} ms", summary["APD90_ms"].get<double>()) : "");
+             summary.contains("APD90_ms")
+                 ? fmt::format(", APD90 {:.3f} ms", summary["APD90_ms"].get<double>())
+                 : "");
   if (!o.output.empty()) {
     write_table(o.output, table, o.model, summary);
     fmt::print("last beat: {}\n", o.output);
@@ -181,7 +187,8 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   if (o.json) fmt::print("{}\n", summary.dump());
   if (to_cycle && certificate.verdict != LimitCycleVerdict::period_1)
     throw NumericalFailure(fmt::format("the limit cycle was not reached: {} after {} beats, distance {:.2g}",
-                                       to_string(certificate.verdict), certificate.beats, certificate.distance));
+                                       to_string(certificate.verdict), certificate.beats,
+                                       certificate.distance));
 }
 
 }  // namespace
@@ -209,7 +216,8 @@ void add_cell(CLI::App& app) {
   CLI::Option* duration = verb->add_option("--stimulus-ms,--stimulus-duration-ms", o->duration_ms,
                                            "duration of the stimulus, ms [the model's]");
   verb->add_option("--stimulus-onset-ms", o->onset_ms, "onset of the stimulus in the period, ms [0]");
-  verb->add_option("--start", o->start, "CSV with the starting state (last row, states by name) [published values]");
+  verb->add_option("--start", o->start,
+                   "CSV with the starting state (last row, states by name) [published values]");
   verb->add_option("--final-state", o->final_state, "write the final state to this CSV");
   verb->add_option("--rhs", o->rhs, "CSV with states: write derivatives and currents to -o, pace nothing");
   verb->add_option("-o,--output", o->output, "CSV or HDF5 (.h5) file of the last beat");

@@ -1,12 +1,10 @@
+#include <fmt/core.h>
+#include <unistd.h>
+
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-
-#include <unistd.h>
-
-#include <fmt/core.h>
-
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/errors.hpp>
@@ -33,7 +31,8 @@ Finding check_cell(const CellModel& model) {
   std::vector<double> state = model.default_state();
   const double charge = model.invariant(state.data(), parameters.data());
   double peak = -1e9;
-  cell.beat(state, 1, [&](double, const double* y, double) { peak = std::max(peak, y[model.membrane_potential]); });
+  cell.beat(state, 1,
+            [&](double, const double* y, double) { peak = std::max(peak, y[model.membrane_potential]); });
   const double drift = std::abs(model.invariant(state.data(), parameters.data()) - charge);
   return {fmt::format("cell {}", model.name), peak > 0 && drift < 1e-2,
           fmt::format("peak {:.1f} mV, charge drift {:.1e} mV", peak, drift)};
@@ -81,10 +80,10 @@ void add_doctor(CLI::App& app) {
     attempt("circulation", check_loop);
     attempt("result files", check_files);
     std::fflush(stdout);
-    const int python =
-        run_program({report_python(), "-c", "import h5py, matplotlib, numpy"});
-    findings.push_back({"report (Python)", python == 0,
-                        python == 0 ? report_python() : "needs Python with h5py, matplotlib and numpy: make setup"});
+    const int python = run_program({report_python(), "-c", "import h5py, matplotlib, numpy"});
+    findings.push_back(
+        {"report (Python)", python == 0,
+         python == 0 ? report_python() : "needs Python with h5py, matplotlib and numpy: make setup"});
     bool healthy = true;
     for (const Finding& f : findings) {
       fmt::print("  {:<18} {:<6} {}\n", f.name, f.good ? "good" : "BAD", f.detail);

@@ -1,13 +1,12 @@
+#include <fmt/core.h>
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <memory>
-#include <set>
-
-#include <fmt/core.h>
-#include <fmt/format.h>
 #include <nlohmann/json.hpp>
-
+#include <set>
 #include <wiggers/cellmodels/rdq20_stepper.hpp>
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/errors.hpp>
@@ -50,7 +49,8 @@ struct Signal {
   }
 };
 
-Signal read_signal(const std::string& text, std::string_view option, const Quantity& quantity, double unit_mM) {
+Signal read_signal(const std::string& text, std::string_view option, const Quantity& quantity,
+                   double unit_mM) {
   Signal s;
   if (!std::filesystem::exists(text)) {
     s.y = {parse_number(text, fmt::format("{} (a number, or a CSV file that exists)", option))};
@@ -72,10 +72,10 @@ Signal read_signal(const std::string& text, std::string_view option, const Quant
     factor = unit_mM;
   } else {
     for (const Column& column : table.columns)
-      if (!value && column.name.starts_with(quantity.name) && column.name.find('/') == std::string::npos) value = &column;
+      if (!value && column.name.starts_with(quantity.name) && column.name.find('/') == std::string::npos)
+        value = &column;
   }
-  if (!value && table.columns.size() == 2)
-    value = &table.columns[&table.columns[0] == time ? 1 : 0];
+  if (!value && table.columns.size() == 2) value = &table.columns[&table.columns[0] == time ? 1 : 0];
   if (!value) throw InputError(fmt::format("{}: no column '{} [{}]'", text, quantity.name, quantity.unit));
   if (unit_mM > 0 && value->unit == "mM") factor = unit_mM;
   for (std::size_t k = 0; k < table.n_rows(); ++k) {
@@ -112,14 +112,15 @@ void run_force(const Options& o) {
     const std::vector<double> y = rdq20_steady_state(parameters, calcium.y[0], length.y[0]);
     const double inputs[3] = {calcium.y[0], length.y[0], 0};
     model.evaluate(y.data(), inputs, parameters.data(), rates.data(), observables.data());
-    fmt::print("steady tension {:.10g} kPa, stiffness {:.10g} kPa, permissivity {:.10g}\n", observables[Rdq20::Ta],
-               observables[Rdq20::Ka], observables[Rdq20::permissivity]);
+    fmt::print("steady tension {:.10g} kPa, stiffness {:.10g} kPa, permissivity {:.10g}\n",
+               observables[Rdq20::Ta], observables[Rdq20::Ka], observables[Rdq20::permissivity]);
     if (!o.output.empty()) {
       Table table;
       table.add("Ca", "uM").values = {inputs[0]};
       table.add("SL", "um").values = {inputs[1]};
       for (std::size_t i = 0; i < observables.size(); ++i)
-        table.add(std::string(model.observables[i].name), std::string(model.observables[i].unit)).values = {observables[i]};
+        table.add(std::string(model.observables[i].name), std::string(model.observables[i].unit)).values = {
+            observables[i]};
       for (std::size_t i = 0; i < y.size(); ++i)
         table.add(std::string(model.states[i].name), std::string(model.states[i].unit)).values = {y[i]};
       write_csv(o.output, table);
@@ -140,8 +141,10 @@ void run_force(const Options& o) {
   if (!(end > begin)) throw InputError("nothing to integrate over: give a series, --duration-s, or --steady");
   if (!(o.sample_ms > 0)) throw InputError("--sample-ms must be positive");
   if (o.beats < 1) throw InputError("--beats must be at least 1");
-  if (!(o.rtol >= 1e-13 && o.rtol <= 0.1)) throw InputError(fmt::format("--rtol {} is outside 1e-13 to 0.1", o.rtol));
-  if (!(o.atol >= 1e-18 && o.atol <= 1)) throw InputError(fmt::format("--atol {} is outside 1e-18 to 1", o.atol));
+  if (!(o.rtol >= 1e-13 && o.rtol <= 0.1))
+    throw InputError(fmt::format("--rtol {} is outside 1e-13 to 0.1", o.rtol));
+  if (!(o.atol >= 1e-18 && o.atol <= 1))
+    throw InputError(fmt::format("--atol {} is outside 1e-18 to 1", o.atol));
   std::vector<double> y = model.default_state();
   if (o.start == "steady")
     y = rdq20_steady_state(parameters, calcium.at(begin), length.at(begin));
@@ -167,7 +170,8 @@ void run_force(const Options& o) {
   for (std::size_t k = 0; k < length.t.size(); ++k) {
     const double before = k == 0 ? 0 : length.slope(length.t[k - 1]);
     const double after = length.slope(length.t[k]);
-    if (std::abs(after - before) > 1e-12 && length.t[k] > begin && length.t[k] < end) kinks.insert(length.t[k]);
+    if (std::abs(after - before) > 1e-12 && length.t[k] > begin && length.t[k] < end)
+      kinks.insert(length.t[k]);
   }
   std::set<double> samples;
   const double step = o.sample_ms * units::s_per_ms;
@@ -184,10 +188,12 @@ void run_force(const Options& o) {
 
   Table table;
   table.add("t", "s", "time");
-  for (const Quantity& q : model.inputs) table.add(std::string(q.name), std::string(q.unit), std::string(q.meaning));
+  for (const Quantity& q : model.inputs)
+    table.add(std::string(q.name), std::string(q.unit), std::string(q.meaning));
   for (const Quantity& q : model.observables)
     table.add(std::string(q.name), std::string(q.unit), std::string(q.meaning));
-  for (const Quantity& q : model.states) table.add(std::string(q.name), std::string(q.unit), std::string(q.meaning));
+  for (const Quantity& q : model.states)
+    table.add(std::string(q.name), std::string(q.unit), std::string(q.meaning));
   Progress progress("force", o.quiet ? Progress::Style::quiet : Progress::Style::automatic);
   for (int beat = 0; beat < o.beats; ++beat) {
     const bool last = beat + 1 == o.beats;
@@ -216,8 +222,8 @@ void run_force(const Options& o) {
   const auto& tension = table.at("Ta").values;
   const auto peak = std::max_element(tension.begin(), tension.end());
   const double peak_time = table.columns[0].values[static_cast<std::size_t>(peak - tension.begin())];
-  fmt::print("tension {:.6g} to {:.6g} kPa, peak at {:.4g} s\n", *std::min_element(tension.begin(), tension.end()), *peak,
-             peak_time);
+  fmt::print("tension {:.6g} to {:.6g} kPa, peak at {:.4g} s\n",
+             *std::min_element(tension.begin(), tension.end()), *peak, peak_time);
   if (!o.output.empty()) {
     write_csv(o.output, table);
     fmt::print("series: {}\n", o.output);
@@ -235,14 +241,17 @@ void run_force(const Options& o) {
 void add_force(CLI::App& app) {
   auto o = std::make_shared<Options>();
   CLI::App* verb = app.add_subcommand("force", "Active force (RDQ20) for given calcium and sarcomere length");
-  verb->add_option("--parameters", o->parameters, "named parameter set, see wiggers models rdq20 --sets [human37]");
+  verb->add_option("--parameters", o->parameters,
+                   "named parameter set, see wiggers models rdq20 --sets [human37]");
   verb->add_option("--set", o->set, "change a parameter: name=value, in the parameter's unit")->take_all();
-  verb->add_option("--calcium", o->calcium, "calcium, uM, or CSV with 't [s]' (or ms) and 'Ca [uM]' (or Ca_i [mM])")
+  verb->add_option("--calcium", o->calcium,
+                   "calcium, uM, or CSV with 't [s]' (or ms) and 'Ca [uM]' (or Ca_i [mM])")
       ->required();
   verb->add_option("--sarcomere-length", o->length, "sarcomere length, um, or CSV with 't [s]' and 'SL [um]'")
       ->required();
   verb->add_flag("--steady", o->steady, "steady tension at one calcium and one length");
-  verb->add_option("--start", o->start, "steady: at the first calcium and length | published: all unbound [steady]");
+  verb->add_option("--start", o->start,
+                   "steady: at the first calcium and length | published: all unbound [steady]");
   verb->add_option("--beats", o->beats, "repeat the series so often; the last is written [1]");
   verb->add_option("--duration-s", o->duration_s, "duration, s [that of the series]");
   verb->add_option("--sample-ms", o->sample_ms, "spacing of the output rows, ms [1]");

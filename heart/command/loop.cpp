@@ -1,10 +1,9 @@
-#include <chrono>
-#include <cmath>
-#include <memory>
-
 #include <fmt/core.h>
 #include <fmt/format.h>
 
+#include <chrono>
+#include <cmath>
+#include <memory>
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
@@ -80,8 +79,14 @@ void add_loop(CLI::App& app) {
         progress.update(static_cast<double>(summary.beats) / o->beats);
       }
     }
+    // Indexes from samples of 1 ms or finer, whatever the spacing of the output.
+    Table output = circulation_table();
     summary.trace = circulation_table();
-    solver.beat(state, o->sample_ms * 1e-3, &summary.trace);
+    if (o->sample_ms > 1) {
+      CirculationValues same = state;
+      solver.beat(same, o->sample_ms * 1e-3, &output);
+    }
+    solver.beat(state, std::min(o->sample_ms, 1.0) * 1e-3, &summary.trace);
     ++summary.beats;
     summary.blood_volume_drift_mL = std::abs(total_volume(loop.circulation, state.data()) - volume);
     summary.atrial_stimulus_s = wrapped(loop.elastance[RA].tC, loop.period_s);
@@ -92,17 +97,17 @@ void add_loop(CLI::App& app) {
     fmt::print("{}\n", index_table(indexes, 1.9));
     if (to_cycle)
       fmt::print("limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
-                 to_string(summary.certificate.verdict), summary.certificate.distance, summary.certificate.beats,
-                 summary.certificate.multiplier);
+                 to_string(summary.certificate.verdict), summary.certificate.distance,
+                 summary.certificate.beats, summary.certificate.multiplier);
     if (!o->output.empty()) {
-      write_csv(o->output, summary.trace, false);
+      write_csv(o->output, o->sample_ms > 1 ? output : summary.trace, false);
       fmt::print("last beat: {}\n", o->output);
     }
     if (o->json) fmt::print("{}\n", summarise(summary).dump());
     if (to_cycle && summary.certificate.verdict != LimitCycleVerdict::period_1)
-      throw NumericalFailure(fmt::format("the limit cycle was not reached: {} after {} beats, distance {:.2g}",
-                                         to_string(summary.certificate.verdict), summary.certificate.beats,
-                                         summary.certificate.distance));
+      throw NumericalFailure(fmt::format(
+          "the limit cycle was not reached: {} after {} beats, distance {:.2g}",
+          to_string(summary.certificate.verdict), summary.certificate.beats, summary.certificate.distance));
   });
 }
 

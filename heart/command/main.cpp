@@ -1,8 +1,7 @@
-// wiggers: from a single heart cell to a full beat. Exit status: 0 done; 1 the computation failed or the machine
-// refused; 2 bad input, nothing computed and nothing written.
+// wiggers: from a single heart cell to a full beat. Exit status: 0 done; 1 the computation failed or the
+// machine refused; 2 bad input, nothing computed and nothing written.
 #include <cstdio>
 #include <exception>
-
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/progress.hpp>
 #include <wiggers/heart/summary.hpp>

@@ -1,8 +1,7 @@
-#include <memory>
-
 #include <fmt/core.h>
 #include <fmt/format.h>
 
+#include <memory>
 #include <wiggers/cellmodels/catalogue.hpp>
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/errors.hpp>
@@ -17,8 +16,8 @@ void print_quantities(std::string_view heading, std::span<const Quantity> quanti
   fmt::print("\n{}\n", heading);
   for (const Quantity& q : quantities) {
     if (with_values)
-      fmt::print("  {:<20} {:<12} {:>14}  [{}, {}]  {}\n", q.name, q.unit, to_text(q.default_value), to_text(q.lower),
-                 to_text(q.upper), q.meaning);
+      fmt::print("  {:<20} {:<12} {:>14}  [{}, {}]  {}\n", q.name, q.unit, to_text(q.default_value),
+                 to_text(q.lower), to_text(q.upper), q.meaning);
     else
       fmt::print("  {:<20} {:<12} {}\n", q.name, q.unit, q.meaning);
   }
@@ -41,7 +40,8 @@ void add_models(CLI::App& app) {
     bool sets = false;
   };
   auto o = std::make_shared<Options>();
-  CLI::App* verb = app.add_subcommand("models", "List models; states, parameters, units, ranges and sources of one");
+  CLI::App* verb =
+      app.add_subcommand("models", "List models; states, parameters, units, ranges and sources of one");
   verb->add_option("name", o->name, "model, or circulation");
   verb->add_flag("--sets", o->sets, "list the parameter sets");
   verb->callback([o] {
@@ -62,13 +62,13 @@ void add_models(CLI::App& app) {
         print_quantities("circuit.{SYS,PUL}", circuit_quantities, true);
       }
       fmt::print("\nparameter sets of circulation\n");
-      for (const CirculationSet& set : circulation_sets())
-        fmt::print("  {}: {}\n", set.name, set.source);
+      for (const CirculationSet& set : circulation_sets()) fmt::print("  {}: {}\n", set.name, set.source);
     }
     if (o->name.empty() || o->name == "circulation") return;
     std::vector<std::string> known = {"circulation"};
     for (const CellModel* model : catalogue()) known.emplace_back(model->name);
-    if (std::find(known.begin(), known.end(), o->name) == known.end()) refuse_unknown("model", o->name, known);
+    if (std::find(known.begin(), known.end(), o->name) == known.end())
+      refuse_unknown("model", o->name, known);
     const CellModel& model = find_model(o->name);
     if (o->sets) {
       print_sets(model);
@@ -76,8 +76,9 @@ void add_models(CLI::App& app) {
     }
     fmt::print("{}: {}\n{}\ntime in {}\n", model.name, model.title, model.source, model.time_unit);
     if (model.is_ionic())
-      fmt::print("default stimulus {} A/F for {} ms; invariant: {}\n", model.default_stimulus.amplitude_A_per_F,
-                 model.default_stimulus.duration_ms, model.invariant_meaning);
+      fmt::print("default stimulus {} A/F for {} ms; invariant: {}\n",
+                 model.default_stimulus.amplitude_A_per_F, model.default_stimulus.duration_ms,
+                 model.invariant_meaning);
     print_quantities("states (name, unit, start, range, meaning)", model.states, true);
     print_quantities("parameters (name, unit, default, range, meaning)", model.parameters, true);
     print_quantities("inputs (name, unit, default, range, meaning)", model.inputs, true);

@@ -1,12 +1,10 @@
-#include <cstdlib>
-#include <filesystem>
-#include <memory>
-
+#include <fmt/core.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <fmt/core.h>
-
+#include <cstdlib>
+#include <filesystem>
+#include <memory>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/result_file.hpp>
 
@@ -53,7 +51,8 @@ void add_report(CLI::App& app) {
     std::string result, folder;
   };
   auto o = std::make_shared<Options>();
-  CLI::App* verb = app.add_subcommand("report", "Wiggers diagram, PV loops and index table of a result, one HTML file");
+  CLI::App* verb =
+      app.add_subcommand("report", "Wiggers diagram, PV loops and index table of a result, one HTML file");
   verb->add_option("result", o->result, "result file of wiggers run (HDF5)")->required();
   verb->add_option("-o,--output", o->folder, "folder for the pictures and index.html [RESULT-report]");
   verb->callback([o] {
@@ -68,12 +67,15 @@ void add_report(CLI::App& app) {
       throw InputError(fmt::format("-o: '{}' is a file; name a folder", o->folder));
     std::fflush(stdout);
     const std::string python = report_python();
-    const int status = run_program({python, (report_folder() / "make_report.py").string(), o->result, o->folder});
-    if (status == 127) throw ResourceError(fmt::format("cannot start Python as '{}'; set WIGGERS_PYTHON", python));
+    const int status =
+        run_program({python, (report_folder() / "make_report.py").string(), o->result, o->folder});
+    if (status == 127)
+      throw ResourceError(fmt::format("cannot start Python as '{}'; set WIGGERS_PYTHON", python));
     if (status != 0)
-      throw ResourceError(fmt::format("the report program ended with status {}; it needs Python with h5py and "
-                                      "matplotlib (make setup installs them)",
-                                      status));
+      throw ResourceError(
+          fmt::format("the report program ended with status {}; it needs Python with h5py and "
+                      "matplotlib (make setup installs them)",
+                      status));
   });
 }
 

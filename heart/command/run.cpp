@@ -1,7 +1,6 @@
-#include <memory>
-
 #include <fmt/core.h>
 
+#include <memory>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
 #include <wiggers/heart/run.hpp>
@@ -42,7 +41,8 @@ void add_run(CLI::App& app) {
     fmt::print("{}\n\n{}\n", run.scene().title, index_table(run.indexes(), run.scene().body_surface_area_m2));
     const auto& certificate = run.certificate();
     fmt::print("limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
-               to_string(certificate.verdict), certificate.distance, certificate.beats, certificate.multiplier);
+               to_string(certificate.verdict), certificate.distance, certificate.beats,
+               certificate.multiplier);
     const auto summary = summarise(run);
     fmt::print("audits: blood volume drift {:.1e} mL, energy imbalance {:.2f} %\n",
                summary["audits"]["blood_volume_drift_mL"].get<double>(),
@@ -78,15 +78,17 @@ void add_check(CLI::App& app) {
     fmt::print("{}: good\n", o->scene);
     for (const auto& [chamber, wall] : scene.walls)
       fmt::print("  {}: {}{}\n", chamber_names[chamber], wall.kind,
-                 wall.kind == "reduced" ? fmt::format(", cells {}, activated at {} ms", wall.cells, wall.activation_ms)
-                                        : std::string());
+                 wall.kind == "reduced"
+                     ? fmt::format(", cells {}, activated at {} ms", wall.cells, wall.activation_ms)
+                     : std::string());
     fmt::print("  blood volume {:.1f} mL, period {} s, step {} s\n",
                total_volume(scene.circulation, scene.initial.data()), scene.period_s, scene.dt_s);
     const double bound = largest_explicit_step(scene.circulation);
     if (scene.dt_s >= bound)
-      fmt::print("warning: solver.dt_s = {} s is not below {:.4g} s, where the explicit circulation becomes "
-                 "unstable\n",
-                 scene.dt_s, bound);
+      fmt::print(
+          "warning: solver.dt_s = {} s is not below {:.4g} s, where the explicit circulation becomes "
+          "unstable\n",
+          scene.dt_s, bound);
     for (const std::string& warning : scene.warnings) fmt::print("note: {}\n", warning);
   });
 }

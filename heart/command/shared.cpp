@@ -1,9 +1,8 @@
 #include "shared.hpp"
 
-#include <algorithm>
-
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <wiggers/core/errors.hpp>
 
 namespace wiggers::command {
@@ -13,7 +12,8 @@ std::vector<double> parameters_from(const CellModel& model, const std::string& s
   std::vector<double> values = model.parameter_values(set.empty() ? model.parameter_sets.front().name : set);
   for (const std::string& change : changes) {
     const auto [name, value] = parse_assignment(change, "--set");
-    const std::size_t index = require_index(model.parameters, fmt::format("parameter of {}", model.name), name);
+    const std::size_t index =
+        require_index(model.parameters, fmt::format("parameter of {}", model.name), name);
     check_range(model.parameters[index], value, "--set");
     values[index] = value;
   }
@@ -25,7 +25,8 @@ bool end_of_run(const std::string& until, int beats) {
     throw InputError(fmt::format("--until: '{}' is not known; the only end it names is limit-cycle", until));
   if (!until.empty() && beats != 0) throw InputError("give --beats N or --until limit-cycle, not both");
   if (until.empty() && beats == 0) throw InputError("say how long to run: --beats N or --until limit-cycle");
-  if (beats < 0 || beats > 1000000) throw InputError(fmt::format("--beats {} is outside 1 to 1000000", beats));
+  if (beats < 0 || beats > 1000000)
+    throw InputError(fmt::format("--beats {} is outside 1 to 1000000", beats));
   return !until.empty();
 }
 

@@ -4,7 +4,6 @@
 #include <optional>
 #include <string>
 #include <vector>
-
 #include <wiggers/cellmodels/catalogue.hpp>
 #include <wiggers/core/limit_cycle.hpp>
 

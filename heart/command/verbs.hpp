@@ -1,4 +1,5 @@
-// The verbs of the `wiggers` command: each adds itself to the command line; what it does runs in its callback.
+// The verbs of the `wiggers` command: each adds itself to the command line; what it does runs in its
+// callback.
 #pragma once
 
 #include <CLI/CLI.hpp>

@@ -87,7 +87,7 @@ class Result:
             earlier = np.interp((self.time - lag) % self.period, self.time, wave)
             difference = np.abs(wave - earlier) * scale
             # A smooth lead field: the wave neither starts nor ends at one instant.
-            width = max(1, int(round(0.7 * lag / (self.time[1] - self.time[0]))))
+            width = max(1, int(round(1.3 * lag / (self.time[1] - self.time[0]))))
             kernel = np.hanning(width + 2)
             difference = np.convolve(np.tile(difference[:-1], 3), kernel / kernel.sum(), "same")
             n = len(self.time) - 1

@@ -1,6 +1,5 @@
 // A foreign project: one beat of a cell and of a loop through the installed headers and libraries.
 #include <cstdio>
-
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/circulation/loop.hpp>
 #ifdef WITH_HEART
@@ -13,7 +12,8 @@ int main() {
   PacedCell cell(model, model.parameter_values("default"), {800, model.default_stimulus}, CellIntegrator{});
   std::vector<double> state = model.default_state();
   double peak = -100;
-  cell.beat(state, 1, [&](double, const double* y, double) { peak = std::max(peak, y[model.membrane_potential]); });
+  cell.beat(state, 1,
+            [&](double, const double* y, double) { peak = std::max(peak, y[model.membrane_potential]); });
   const LoopSolver solver(find_circulation_set("wiggers-healthy-0d").loop, {});
   CirculationValues values = solver.loop().initial;
   solver.beat(values);

@@ -1,12 +1,10 @@
 // The closed loop: reference traces, conservation, Jacobian, valve laws, elastance, refusals.
-#include <catch2/catch.hpp>
-
-#include <algorithm>
-#include <cmath>
-#include <random>
-
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <random>
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
@@ -60,8 +58,11 @@ void compare(const std::string& name, const Table& table, const Table& ranges_fr
 }  // namespace
 
 TEST_CASE("first beats and limit cycles against the reference") {
-  for (const auto& [name, limit] : {std::pair<std::string, bool>{"baseline75", false}, {"baseline75", true},
-                                    {"peer_default", true}, {"seed_rlc", true}, {"baseline75_diode", true}}) {
+  for (const auto& [name, limit] : {std::pair<std::string, bool>{"baseline75", false},
+                                    {"baseline75", true},
+                                    {"peer_default", true},
+                                    {"seed_rlc", true},
+                                    {"baseline75_diode", true}}) {
     const std::string file = fmt::format("circulation/{}_{}.csv", name, limit ? "limit" : "beat1");
     const Table table = data_table(file);
     compare(name, table, table, limit);
@@ -73,7 +74,8 @@ TEST_CASE("explicit Euler converges with order one") {
   double error[2];
   int k = 0;
   for (double dt : {1e-3, 1e-4}) {
-    const LoopSolver exact(loop_of("baseline75"), tight()), euler(loop_of("baseline75"), {"forward-euler", 1e-9, 1e-9, dt});
+    const LoopSolver exact(loop_of("baseline75"), tight()),
+        euler(loop_of("baseline75"), {"forward-euler", 1e-9, 1e-9, dt});
     CirculationValues a = exact.loop().initial, b = a;
     exact.beat(a);
     euler.beat(b);
@@ -83,7 +85,8 @@ TEST_CASE("explicit Euler converges with order one") {
 }
 
 TEST_CASE("Runge-Kutta of order four agrees with CVODE") {
-  const LoopSolver exact(loop_of("baseline75"), tight()), rk(loop_of("baseline75"), {"runge-kutta-4", 1e-9, 1e-9, 1e-4});
+  const LoopSolver exact(loop_of("baseline75"), tight()),
+      rk(loop_of("baseline75"), {"runge-kutta-4", 1e-9, 1e-9, 1e-4});
   CirculationValues a = exact.loop().initial, b = a;
   exact.beat(a);
   rk.beat(b);
@@ -105,7 +108,8 @@ TEST_CASE("valve laws: direction, limits, derivatives") {
   for (ValveLaw law : {ValveLaw::diode, ValveLaw::log_arctan, ValveLaw::tanh, ValveLaw::ideal}) {
     INFO(valve_law_names[static_cast<int>(law)]);
     // Forward pressure opens: the founding paper's printed diode would close here.
-    CHECK(valve_flow(law, valve, 20, 30.0, 10.0) == Approx(20 / 0.0075).epsilon(law == ValveLaw::log_arctan ? 1e-2 : 1e-9));
+    CHECK(valve_flow(law, valve, 20, 30.0, 10.0) ==
+          Approx(20 / 0.0075).epsilon(law == ValveLaw::log_arctan ? 1e-2 : 1e-9));
     CHECK(std::abs(valve_flow(law, valve, 20, 10.0, 110.0)) < 2e-3);
     CHECK(valve_flow(law, valve, 20, 10.0, 110.0) <= 0);
     CHECK(valve_flow(law, valve, 20, 10.0, 10.0) == 0);
@@ -114,7 +118,8 @@ TEST_CASE("valve laws: direction, limits, derivatives") {
       const D q = valve_flow<D>(law, valve, 20, D::variable(10 + dp, 0), D::variable(10, 1));
       const double h = 1e-6;
       const double slope =
-          (valve_flow(law, valve, 20, 10 + dp + h, 10.0) - valve_flow(law, valve, 20, 10 + dp - h, 10.0)) / (2 * h);
+          (valve_flow(law, valve, 20, 10 + dp + h, 10.0) - valve_flow(law, valve, 20, 10 + dp - h, 10.0)) /
+          (2 * h);
       CHECK(q.derivative[0] == Approx(slope).epsilon(1e-5).margin(1e-8));
       CHECK(q.derivative[1] == Approx(-q.derivative[0]).epsilon(1e-12).margin(1e-15));
       CHECK(q.derivative[0] >= -1e-12);
@@ -182,14 +187,16 @@ TEST_CASE("loop files: tables, names of sets for tables, and refusals") {
     SettingsReader reader(parse_settings_text(text, "loop.toml"), "loop.toml");
     return read_loop(reader);
   };
-  const Loop named = read("elastance = \"baseline75\"\ninitial = \"baseline75\"\n[circuit]\nSYS = \"fedele2023\"\n");
+  const Loop named =
+      read("elastance = \"baseline75\"\ninitial = \"baseline75\"\n[circuit]\nSYS = \"fedele2023\"\n");
   CHECK(named.elastance[LV].EA == 3.35);
   CHECK(named.circulation.circuits[SYS].R_AR == 0.48);
   CHECK(named.initial[p_VEN_SYS] == 40);
   const Loop based = read("[elastance.LV]\nparameters = \"baseline75\"\nEA = 5.0\n");
   CHECK(based.elastance[LV].EA == 5);
   CHECK(based.elastance[LV].V0 == 42);
-  CHECK_THROWS_WITH(read("[circuit.SYS]\nC_AR = -1.0\n"), Catch::Contains("C_AR = -1") && Catch::Contains("circuit.SYS"));
+  CHECK_THROWS_WITH(read("[circuit.SYS]\nC_AR = -1.0\n"),
+                    Catch::Contains("C_AR = -1") && Catch::Contains("circuit.SYS"));
   CHECK_THROWS_WITH(read("[elastance.LV]\nTC = 0.5\nTR = 0.4\n"), Catch::Contains("TC + TR"));
   CHECK_THROWS_WITH(read("[elastance.VL]\nEA = 1.0\n"), Catch::Contains("did you mean 'LV'"));
   CHECK_THROWS_WITH(read("valve_law = \"diod\"\n"), Catch::Contains("did you mean 'diode'"));

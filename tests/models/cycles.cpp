@@ -1,10 +1,8 @@
 // Limit cycles of the ionic cells, and the charge they keep.
-#include <catch2/catch.hpp>
-
-#include <cmath>
-
 #include <fmt/format.h>
 
+#include <catch2/catch.hpp>
+#include <cmath>
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
 
@@ -83,7 +81,8 @@ TEST_CASE("the limit cycles agree with thousands of plain beats of the reference
       continue;
     }
     LimitCycleCertificate certificate;
-    const auto state = cycle(c.model, {"cvode", 1e-9, 1e-11, 0.02}, find_model(c.model).default_stimulus, certificate);
+    const auto state =
+        cycle(c.model, {"cvode", 1e-9, 1e-11, 0.02}, find_model(c.model).default_stimulus, certificate);
     CHECK(certificate.verdict == LimitCycleVerdict::period_1);
     const Table table = reference_table(path);
     CHECK(std::abs(value(c.model, state, "Na_i") - table.at("Na_i").values.back()) < c.sodium);
@@ -114,5 +113,6 @@ TEST_CASE("a cell whose stimulus no ion carries has no cycle, and is refused wit
   const CellModel& model = find_model("crn");
   PacedCell cell(model, model.parameter_values("stimulus-uncarried"), {800, model.default_stimulus}, {});
   std::vector<double> state = model.default_state();
-  CHECK_THROWS_WITH(cell.to_limit_cycle(state, {}), Catch::Contains("no limit cycle") && Catch::Contains("stimulus_K_fraction"));
+  CHECK_THROWS_WITH(cell.to_limit_cycle(state, {}),
+                    Catch::Contains("no limit cycle") && Catch::Contains("stimulus_K_fraction"));
 }

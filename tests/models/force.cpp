@@ -1,10 +1,8 @@
 // RDQ20: steady force, twitches, ramps, the stepper used by heart and tissue.
-#include <catch2/catch.hpp>
-
-#include <cmath>
-
 #include <fmt/format.h>
 
+#include <catch2/catch.hpp>
+#include <cmath>
 #include <wiggers/cellmodels/catalogue.hpp>
 #include <wiggers/cellmodels/rdq20_stepper.hpp>
 #include <wiggers/core/cvode.hpp>
@@ -19,15 +17,25 @@ struct Set {
   const char* name;
   const char* file;
 };
-const Set sets[] = {{"human37", "human37"}, {"fedele2023-ventricles", "ventricle"}, {"fedele2023-atria", "atrium"}};
+const Set sets[] = {
+    {"human37", "human37"}, {"fedele2023-ventricles", "ventricle"}, {"fedele2023-atria", "atrium"}};
 
 double steady_tension(const std::vector<double>& parameters, double calcium, double length) {
   const auto y = rdq20_steady_state(parameters, calcium, length);
   return Rdq20Stepper(parameters).tension_kPa(y.data(), length);
 }
 
+// Calcium of the twitch protocol: rest 0.1, peak 0.9 uM, 20 and 50 ms, from 10 ms on.
+double twitch_calcium(double t) {
+  if (t < 0.01) return 0.1;
+  const double q = 0.02 / 0.05;
+  const double peak = std::pow(q, -1 / (q - 1)) - std::pow(q, -1 / (1 - 1 / q));
+  return 0.1 + 0.8 / peak * (std::exp((0.01 - t) / 0.02) - std::exp((0.01 - t) / 0.05));
+}
+
 // Largest error of the tension along a reference series, over its peak: CVODE on the series' own inputs.
-double series_error(const char* set, const Table& table) {
+// With `analytic`, calcium is the transient of the protocol itself, not its 1 ms samples joined by lines.
+double series_error(const char* set, const Table& table, bool analytic) {
   const CellModel& model = find_model("rdq20");
   const auto parameters = model.parameter_values(set);
   const auto& t = table.at("t").values;
@@ -39,7 +47,7 @@ double series_error(const char* set, const Table& table) {
   double in[3];
   const auto inputs = [&](double when) {
     const double share = (when - t[k - 1]) / (t[k] - t[k - 1]);
-    in[0] = calcium[k - 1] + share * (calcium[k] - calcium[k - 1]);
+    in[0] = analytic ? twitch_calcium(when) : calcium[k - 1] + share * (calcium[k] - calcium[k - 1]);
     in[1] = length[k - 1] + share * (length[k] - length[k - 1]);
     in[2] = (length[k] - length[k - 1]) / (t[k] - t[k - 1]);
   };
@@ -56,7 +64,8 @@ double series_error(const char* set, const Table& table) {
   double slope_before = 0;
   for (k = 1; k < t.size(); ++k) {
     const double slope = (length[k] - length[k - 1]) / (t[k] - t[k - 1]);
-    if (fresh || std::abs(slope - slope_before) > 1e-9) solver.restart(t[k - 1], y);
+    const bool onset = analytic && std::abs(t[k - 1] - 0.01) < 1e-9;
+    if (fresh || onset || std::abs(slope - slope_before) > 1e-9) solver.restart(t[k - 1], y);
     fresh = false;
     slope_before = slope;
     y = solver.advance(t[k]);
@@ -96,13 +105,14 @@ TEST_CASE("resting tension of the whole-heart sets") {
 TEST_CASE("twitches and ramps against the reference") {
   bool any = false;
   for (const Set& set : sets)
-    for (const char* protocol : {"twitch_isometric_SL2p2", "twitch_ionic_SL1p9", "twitch_ionic_SL2p2", "ramp_m0p3",
-                                 "ramp_m1p0", "ramp_m2p0", "ramp_p0p5"}) {
+    for (const char* protocol : {"twitch_isometric_SL2p2", "twitch_ionic_SL1p9", "twitch_ionic_SL2p2",
+                                 "ramp_m0p3", "ramp_m1p0", "ramp_m2p0", "ramp_p0p5"}) {
       const std::string path = fmt::format("cell/rdq20mf/rdq20mf_{}_{}.csv", set.file, protocol);
       if (!have_reference(path)) continue;
       any = true;
       INFO(path);
-      CHECK(series_error(set.name, reference_table(path)) <= 1e-4);
+      CHECK(series_error(set.name, reference_table(path),
+                         std::string(protocol) == "twitch_isometric_SL2p2") <= 1e-4);
     }
   if (!any) WARN("full reference not at hand: skipped");
 }
@@ -114,7 +124,9 @@ TEST_CASE("the stepper converges to the equations; crossbridges are exact for fr
   const double in[3] = {0.6, 2.0, -3.0};
   OdeSystem system;
   system.size = 20;
-  system.derivative = [&](double, const double* y, double* dy) { model.evaluate(y, in, parameters.data(), dy, nullptr); };
+  system.derivative = [&](double, const double* y, double* dy) {
+    model.evaluate(y, in, parameters.data(), dy, nullptr);
+  };
   const auto start = rdq20_steady_state(parameters, 0.1, 2.0);
   Cvode solver(system, {1e-11, std::vector<double>(20, 1e-16)});
   solver.restart(0, start);
@@ -123,13 +135,15 @@ TEST_CASE("the stepper converges to the equations; crossbridges are exact for fr
   for (double dt : {1e-3, 5e-4, 2.5e-4}) {
     std::vector<double> y = start;
     for (double t = 0; t < 0.05 - 1e-9; t += dt) {
-      const auto ru = stepper.step_regulation(y.data(), in[0], in[1], dt, static_cast<int>(std::lround(dt / 2.5e-5)));
+      const auto ru =
+          stepper.step_regulation(y.data(), in[0], in[1], dt, static_cast<int>(std::lround(dt / 2.5e-5)));
       stepper.step_crossbridges(y.data(), ru, -in[2] / parameters[Rdq20::SL0], dt);
     }
     double sum = 0;
     for (int i = 0; i < 16; ++i) sum += y[i];
     CHECK(sum == Approx(1).epsilon(1e-12));
-    errors.push_back(std::abs(stepper.tension_kPa(y.data(), in[1]) / stepper.tension_kPa(exact.data(), in[1]) - 1));
+    errors.push_back(
+        std::abs(stepper.tension_kPa(y.data(), in[1]) / stepper.tension_kPa(exact.data(), in[1]) - 1));
   }
   CHECK(errors[0] < 0.02);
   CHECK(errors[2] < 0.6 * errors[1]);

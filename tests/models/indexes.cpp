@@ -1,8 +1,6 @@
 // Phases, valve times, indexes and flips on traces whose answers are known.
 #include <catch2/catch.hpp>
-
 #include <cmath>
-
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
@@ -25,9 +23,15 @@ Table made_up_beat() {
     for (int side = 0; side < 2; ++side) {
       const double s = std::fmod(t - 0.01 * side + 1, 1.0);
       const bool inlet = s < 0.2 || s >= 0.7, outlet = s >= 0.3 && s < 0.6;
-      const double V = s < 0.2 ? 110 + 50 * s : s < 0.3 ? 120 : s < 0.6 ? 120 - 70 * (s - 0.3) / 0.3 : s < 0.7 ? 50 : 50 + 60 * (s - 0.7) / 0.3;
+      const double V = s < 0.2   ? 110 + 50 * s
+                       : s < 0.3 ? 120
+                       : s < 0.6 ? 120 - 70 * (s - 0.3) / 0.3
+                       : s < 0.7 ? 50
+                                 : 50 + 60 * (s - 0.7) / 0.3;
       set(side == 0 ? "V_LV" : "V_RV", V);
-      set(side == 0 ? "V_LA" : "V_RA", s < 0.2 ? 40 - 60 * s : s < 0.7 ? 28 + 64 * (s - 0.2) : 60 - 66.7 * (s - 0.7));
+      set(side == 0 ? "V_LA" : "V_RA", s < 0.2   ? 40 - 60 * s
+                                       : s < 0.7 ? 28 + 64 * (s - 0.2)
+                                                 : 60 - 66.7 * (s - 0.7));
       const double ventricle = outlet ? 101 : inlet ? 4 : 50;
       set(side == 0 ? "p_LV" : "p_RV", ventricle);
       set(side == 0 ? "p_LA" : "p_RA", 5);
@@ -35,7 +39,8 @@ Table made_up_beat() {
       set(side == 0 ? "Q_AV" : "Q_PV", outlet ? 70 / 0.3 : 0);
       set(side == 0 ? "Q_MV" : "Q_TV", s < 0.2 ? 50 : s >= 0.7 ? 200 : 0);
     }
-    for (const char* name : {"p_VEN_SYS", "p_VEN_PUL", "Q_AR_SYS", "Q_VEN_SYS", "Q_AR_PUL", "Q_VEN_PUL"}) set(name, 10);
+    for (const char* name : {"p_VEN_SYS", "p_VEN_PUL", "Q_AR_SYS", "Q_VEN_SYS", "Q_AR_PUL", "Q_VEN_PUL"})
+      set(name, 10);
   }
   return table;
 }
@@ -121,7 +126,8 @@ TEST_CASE("scenes are refused before any work, naming key, value, range and near
 
 TEST_CASE("the full scene reads back to itself") {
   const std::string scenes = std::string(WIGGERS_TEST_DATA) + "/../../scenes/";
-  for (const char* name : {"whole_heart", "mixed", "elastance_healthy", "no_rate_feedback", "no_volume_stabilisation"}) {
+  for (const char* name :
+       {"whole_heart", "mixed", "elastance_healthy", "no_rate_feedback", "no_volume_stabilisation"}) {
     const Scene scene = read_scene(scenes + name + ".toml", {});
     CHECK(read_scene_text(scene.text, name, {}).text == scene.text);
   }

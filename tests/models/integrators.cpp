@@ -1,11 +1,9 @@
 // Integrators on the cell models: reference action potentials, orders, stimulus edges, failures.
-#include <catch2/catch.hpp>
-
-#include <algorithm>
-#include <cmath>
-
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <cmath>
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/errors.hpp>
@@ -45,7 +43,9 @@ void compare(const char* name, const Table& table) {
 }  // namespace
 
 TEST_CASE("first action potentials against the reference") {
-  for (const auto& [name, file] : {std::pair{"crn", "crn"}, {"ttp06-endo", "ttp06_endo"}, {"ttp06-mid", "ttp06_mid"},
+  for (const auto& [name, file] : {std::pair{"crn", "crn"},
+                                   {"ttp06-endo", "ttp06_endo"},
+                                   {"ttp06-mid", "ttp06_mid"},
                                    {"ttp06-epi", "ttp06_epi"}}) {
     compare(name, data_table(fmt::format("cell/{}_ap.csv", file)));
     const std::string full = fmt::format("cell/{0}/{0}_ap_1hz_beat1.csv", file);
@@ -89,8 +89,8 @@ TEST_CASE("the stimulus delivers its charge for any step and sampling") {
   const CellModel& model = find_model("ttp06-endo");
   std::vector<double> parameters = model.parameter_values("default");
   for (std::size_t i = 0; i < parameters.size(); ++i)
-    for (const char* name : {"g_Na", "g_K1", "g_to", "g_Kr", "g_Ks", "g_CaL", "g_bNa", "g_bCa", "g_pK", "g_pCa",
-                             "P_NaK", "k_NaCa"})
+    for (const char* name : {"g_Na", "g_K1", "g_to", "g_Kr", "g_Ks", "g_CaL", "g_bNa", "g_bCa", "g_pK",
+                             "g_pCa", "P_NaK", "k_NaCa"})
       if (model.parameters[i].name == name) parameters[i] = 0;
   for (double dt : {0.05, 0.03, 0.37})
     for (double onset : {0.0, 10.123}) {

@@ -1,1 +1,114 @@
-def test_placeholder(): pass
+"""Bad input is refused with status 2, in words, before any work and without a file."""
+
+import os
+import subprocess
+
+import pytest
+from conftest import COMMAND, DATA, SCENES
+
+CASES = [
+    # words, what the message must contain
+    (["rum"], "did you mean 'run'"),
+    (["run"], "scene"),
+    (["run", "missing.toml"], "missing.toml"),
+    (["run", "."], "folder"),
+    (["run", SCENES / "whole_heart.toml", "--set", "walls.LV.activation=3"], "activation_ms"),
+    (["run", SCENES / "whole_heart.toml", "--set", "walls.LV.kind=tissue"], "tissue"),
+    (["run", SCENES / "whole_heart.toml", "--set", "nonsense"], "key=value"),
+    (["run", SCENES / "whole_heart.toml", "--set", "walls.LV.wall_volume_mL=0"], "wall_volume_mL = 0"),
+    (["run", SCENES / "whole_heart.toml", "--set", "circulation.circuit.SYS.C_AR=-1.5"], "C_AR = -1.5"),
+    (["run", SCENES / "whole_heart.toml", "--set", "heart.period_s=0.05", "--set", "cells.atria.stimulus_ms=19"], "period"),
+    (["run", SCENES / "whole_heart.toml", "--set", "cells.atria.force_changes.Kd0=1e-4"], "Kd0"),
+    (["run", SCENES / "elastance_healthy.toml", "--set", "walls.LV.TC=0.7"], "TC + TR"),
+    (["run", SCENES / "elastance_healthy.toml", "-o", "no/such/folder/r.h5"], "no/such/folder"),
+    (["run", SCENES / "elastance_healthy.toml", "--resume", "missing.h5"], "missing.h5"),
+    (["check", SCENES / "elastance_healthy.toml", "--ful"], "--ful"),
+    (["cell", "crm", "--beats", "1"], "did you mean 'crn'"),
+    (["cell", "crn"], "--beats N or --until limit-cycle"),
+    (["cell", "crn", "--beats", "0"], "--beats"),
+    (["cell", "crn", "--beats", "three"], "three"),
+    (["cell", "crn", "--beats", "1", "--until", "limit-cycle"], "not both"),
+    (["cell", "crn", "--until", "limitcycle"], "limit-cycle"),
+    (["cell", "crn", "--beats", "1", "--set", "g_na=3"], "did you mean 'g_Na'"),
+    (["cell", "crn", "--beats", "1", "--set", "g_Na=-3"], "g_Na = -3"),
+    (["cell", "crn", "--beats", "1", "--set", "g_Na=lots"], "not a number"),
+    (["cell", "crn", "--beats", "1", "--parameters", "human37"], "parameter set of crn"),
+    (["cell", "crn", "--beats", "1", "--integrator", "rk4"], "integrator"),
+    (["cell", "crn", "--beats", "1", "--period-ms", "1.5"], "not longer than the stimulus"),
+    (["cell", "crn", "--beats", "1", "--rtol", "-1"], "rtol"),
+    (["cell", "crn", "--beats", "1", "--integrator", "rush-larsen", "--dt-ms", "0"], "dt"),
+    (["cell", "crn", "--beats", "1", "-o", "no/such/a.csv"], "no/such"),
+    (["cell", "crn", "--until", "limit-cycle", "--parameters", "stimulus-uncarried"], "no limit cycle"),
+    (["cell", "rdq20", "--beats", "1"], "wiggers force"),
+    (["cell", "crn", "--rhs", "missing.csv", "-o", "x.csv"], "missing.csv"),
+    (["cell", "crn", "--rhs", DATA / "cell" / "ttp06_endo_rhs.csv", "-o", "x.csv"], "unknown column"),
+    (["force", "--calcium", "0.3", "--sarcomere-length", "2.9", "--steady"], "below 2.817"),
+    (["force", "--calcium", "0.3", "--sarcomere-length", "2.2"], "--duration-s"),
+    (["force", "--calcium", "-1", "--sarcomere-length", "2.2", "--steady"], "Ca = -1"),
+    (["force", "--calcium", "no.csv", "--sarcomere-length", "2.2", "--steady"], "no.csv"),
+    (["loop", "missing.toml", "--beats", "1"], "missing.toml"),
+    (["loop", SCENES / "whole_heart.toml", "--beats", "1"], "unknown key"),
+    (["models", "cnr"], "did you mean 'crn'"),
+    (["report", "missing.h5"], "missing.h5"),
+    (["report", SCENES / "whole_heart.toml"], "not an HDF5 file"),
+]
+
+
+@pytest.mark.parametrize("words, expected", CASES, ids=lambda value: " ".join(map(str, value))[-60:] if isinstance(value, list) else "")
+def test_refused(wiggers, tmp_path, words, expected):
+    outcome = wiggers(*words)
+    assert outcome.status == 2, (outcome.status, outcome.out, outcome.err)
+    assert expected in outcome.err, outcome.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_broken_files_are_refused_with_the_place(wiggers, tmp_path):
+    (tmp_path / "a.toml").write_text('title = "x"\n[walls.LV\nkind = "elastance"\n')
+    outcome = wiggers("check", "a.toml")
+    assert outcome.status == 2 and "a.toml" in outcome.err and "2" in outcome.err
+    (tmp_path / "b.csv").write_text("t [s],Ca [uM]\n0,0.1\n0.001\n")
+    outcome = wiggers("force", "--calcium", "b.csv", "--sarcomere-length", 2)
+    assert outcome.status == 2 and "line 3" in outcome.err
+    (tmp_path / "c.csv").write_text("t [s],Ca [uM]\n0,0.1\n0.002,0.2\n0.001,0.3\n")
+    outcome = wiggers("force", "--calcium", "c.csv", "--sarcomere-length", 2)
+    assert outcome.status == 2 and "time does not increase" in outcome.err
+    (tmp_path / "d.toml").write_text('base = "d.toml"\n')
+    outcome = wiggers("check", "d.toml")
+    assert outcome.status == 2 and "circle" in outcome.err
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_unwritable_folder(wiggers, tmp_path):
+    folder = tmp_path / "locked"
+    folder.mkdir(mode=0o500)
+    outcome = wiggers("run", SCENES / "elastance_healthy.toml", "-o", folder / "r.h5")
+    assert outcome.status == 2 and "not writable" in outcome.err
+
+
+def test_a_full_disk_keeps_the_earlier_file(tmp_path):
+    """A limit on file size stands for a full disk: the write fails half-way."""
+    target = tmp_path / "r.h5"
+    target.write_bytes(b"earlier")
+    words = f"ulimit -f 16; exec {COMMAND} run {SCENES / 'elastance_healthy.toml'} -o {target}"
+    process = subprocess.run(["bash", "-c", words], capture_output=True, text=True, timeout=120)
+    assert process.returncode == 1
+    assert "cannot write" in process.stderr
+    assert target.read_bytes() == b"earlier"
+    assert [p.name for p in tmp_path.iterdir()] == ["r.h5"]
+
+
+def test_a_device_that_takes_nothing(wiggers):
+    outcome = wiggers("cell", "ttp06-endo", "--beats", 1, "--integrator", "rush-larsen", "-o", "/dev/full")
+    assert outcome.status == 1 and "cannot write" in outcome.err
+
+
+def test_a_run_that_breaks_down_says_where_and_keeps_the_last_good_state(wiggers, tmp_path):
+    outcome = wiggers("run", SCENES / "elastance_healthy.toml", "--set", "solver.dt_s=8e-3", "--set", "run.until=beats",
+                      "--set", "run.beats=3", "-o", "r.h5", "--json")
+    assert outcome.status == 1
+    assert "3.85 ms" in outcome.err and "last good state" in outcome.err
+    import h5py
+
+    with h5py.File(tmp_path / "r.h5") as file:
+        assert file["provenance/status"][()] == b"incomplete"
+    assert '"indexes"' not in outcome.out

@@ -1,8 +1,6 @@
 // The CVODE wrapper: accuracy, restarts, and failures that say what happened.
 #include <catch2/catch.hpp>
-
 #include <cmath>
-
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/errors.hpp>
 

@@ -1,11 +1,9 @@
 // Files: CSV, HDF5 results, and writing that is whole or not at all.
-#include <catch2/catch.hpp>
-
-#include <filesystem>
-#include <fstream>
-
 #include <unistd.h>
 
+#include <catch2/catch.hpp>
+#include <filesystem>
+#include <fstream>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
 #include <wiggers/core/result_file.hpp>

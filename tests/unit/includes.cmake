@@ -1,3 +1,4 @@
+cmake_minimum_required(VERSION 3.25)
 # Dependencies point one way: each room may include only the rooms named here.
 set(allowed_core core)
 set(allowed_cellmodels core cellmodels)

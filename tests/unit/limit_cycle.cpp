@@ -1,8 +1,6 @@
 // The limit-cycle search on maps whose answer is known.
 #include <catch2/catch.hpp>
-
 #include <cmath>
-
 #include <wiggers/core/limit_cycle.hpp>
 
 using namespace wiggers;

@@ -1,9 +1,7 @@
 // The number vocabulary: safe functions, duals, SIMD lanes, quantities.
 #include <catch2/catch.hpp>
-
 #include <cmath>
 #include <random>
-
 #include <wiggers/cellmodels/crn.hpp>
 #include <wiggers/cellmodels/rdq20.hpp>
 #include <wiggers/cellmodels/ttp06.hpp>
@@ -19,7 +17,8 @@ TEST_CASE("x/(exp(x)-1) is exact at and around its removable singularity") {
   for (double scale : {1e-300, 1e-12, 1e-9, 9.9e-6, 1.01e-5, 1e-3, 0.1, 1.0, 30.0, 600.0})
     for (double x : {scale, -scale}) {
       const long double exact = static_cast<long double>(x) / std::expm1(static_cast<long double>(x));
-      CHECK(std::abs(x_over_expm1(x) - static_cast<double>(exact)) <= 1e-14 * std::abs(static_cast<double>(exact)));
+      CHECK(std::abs(x_over_expm1(x) - static_cast<double>(exact)) <=
+            1e-14 * std::abs(static_cast<double>(exact)));
       CHECK(x_over_one_minus_exp(x) == x_over_expm1(-x));
       CHECK(std::abs(expm1_over_x(x) * x_over_expm1(x) - 1) < 1e-15);
     }
@@ -79,8 +78,8 @@ void compare_lanes() {
       in[i] = Model::inputs[i].default_value;
       in_lanes[i] = Batch(in[i]);
     }
-    rates_from<Model, Batch>(Model::template evaluate<Batch>(lanes.data(), in_lanes.data(), constants), lanes.data(),
-                             lane_rates.data());
+    rates_from<Model, Batch>(Model::template evaluate<Batch>(lanes.data(), in_lanes.data(), constants),
+                             lanes.data(), lane_rates.data());
     for (int lane = 0; lane < batch_lanes; ++lane) {
       std::array<double, n> rates;
       rates_from<Model, double>(Model::template evaluate<double>(states[lane].data(), in.data(), constants),
@@ -89,8 +88,8 @@ void compare_lanes() {
       std::array<Dual<2>, Model::inputs.size()> dual_in;
       for (std::size_t i = 0; i < n; ++i) y[i] = Dual<2>(states[lane][i]);
       for (std::size_t i = 0; i < in.size(); ++i) dual_in[i] = Dual<2>(in[i]);
-      rates_from<Model, Dual<2>>(Model::template evaluate<Dual<2>>(y.data(), dual_in.data(), constants), y.data(),
-                                 dual_rates.data());
+      rates_from<Model, Dual<2>>(Model::template evaluate<Dual<2>>(y.data(), dual_in.data(), constants),
+                                 y.data(), dual_rates.data());
       for (std::size_t i = 0; i < n; ++i) {
         INFO(Model::name << " state " << Model::states[i].name << " trial " << trial);
         alignas(64) double values[batch_lanes];

@@ -1,6 +1,5 @@
 // Settings: types, ranges, unknown keys, overrides, and the listing with all defaults.
 #include <catch2/catch.hpp>
-
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/settings.hpp>
 
@@ -8,7 +7,9 @@ using namespace wiggers;
 
 namespace {
 constexpr Quantity speed{"speed_m_per_s", "m/s", 1.5, 0, 10, "speed"};
-SettingsReader reader_of(const std::string& text) { return SettingsReader(parse_settings_text(text, "f.toml"), "f.toml"); }
+SettingsReader reader_of(const std::string& text) {
+  return SettingsReader(parse_settings_text(text, "f.toml"), "f.toml");
+}
 }  // namespace
 
 TEST_CASE("numbers are checked for type and range, and default where absent") {
@@ -27,7 +28,8 @@ TEST_CASE("numbers are checked for type and range, and default where absent") {
 TEST_CASE("unknown keys are refused with place and nearest name, in any table") {
   auto flat = reader_of("sped_m_per_s = 3");
   flat.number(speed);
-  CHECK_THROWS_WITH(flat.finish(), Catch::Contains("sped_m_per_s") && Catch::Contains("did you mean 'speed_m_per_s'"));
+  CHECK_THROWS_WITH(flat.finish(),
+                    Catch::Contains("sped_m_per_s") && Catch::Contains("did you mean 'speed_m_per_s'"));
   auto nested = reader_of("[car]\nspeed_m_per_s = 3\nwheel = 4");
   nested.table("car").number(speed);
   CHECK_THROWS_WITH(nested.finish(), Catch::Contains("car.wheel"));
