@@ -71,6 +71,8 @@ std::vector<double> LimitCycleSearch::next(const std::vector<double>& x, const s
   if (static_cast<int>(history_.size()) > settings_.depth + 1) history_.erase(history_.begin());
 
   // Least-squares model of P from the differences of the remembered beats.
+  const double noise = 10 * settings_.map_noise;
+  double latest_difference = 0;
   const int m = static_cast<int>(history_.size()) - 1;
   double step_to_fixed_point = residual;
   std::vector<double> correction;
@@ -83,6 +85,7 @@ std::vector<double> LimitCycleSearch::next(const std::vector<double>& x, const s
         df(i, k) = history_[k + 1].f[i] - history_[k].f[i];
         length += df(i, k) * df(i, k);
       }
+      latest_difference = dx.col(k).lpNorm<Eigen::Infinity>();
       // Columns of one length: the latest, smallest differences count as much as the first.
       if (length > 0) {
         dx.col(k) /= std::sqrt(length);
@@ -116,7 +119,8 @@ std::vector<double> LimitCycleSearch::next(const std::vector<double>& x, const s
         double multiplier = 0;
         for (int k = 0; k < eigenvalues.size(); ++k)
           if (std::abs(eigenvalues(k)) < 1.0) multiplier = std::max(multiplier, std::abs(eigenvalues(k)));
-        certificate_.multiplier = multiplier;
+        // Differences near the map's own noise say nothing about its slope: keep the last sound estimate.
+        if (latest_difference > 1e3 * noise) certificate_.multiplier = multiplier;
       }
     }
   }

@@ -209,7 +209,8 @@ void add_cell(CLI::App& app) {
                    "cvode | rush-larsen | rush-larsen-2 | bdf2-imex | forward-euler [cvode]");
   verb->add_option("--dt-ms", o->dt_ms, "step of the fixed-step integrators, ms [0.02]");
   verb->add_option("--rtol", o->rtol, "relative tolerance of cvode, 1 [1e-8]");
-  verb->add_option("--atol", o->atol, "absolute tolerance of cvode for a state of size one [1e-10]");
+  CLI::Option* atol =
+      verb->add_option("--atol", o->atol, "absolute tolerance of cvode for a state of size one [rtol/100]");
   verb->add_option("--sample-ms", o->sample_ms, "spacing of the output rows, ms [1]");
   CLI::Option* stimulus = verb->add_option("--stimulus-A-per-F", o->stimulus,
                                            "stimulus current, A/F, negative depolarises [the model's]");
@@ -223,7 +224,8 @@ void add_cell(CLI::App& app) {
   verb->add_option("-o,--output", o->output, "CSV or HDF5 (.h5) file of the last beat");
   verb->add_flag("--quiet", o->quiet, "no progress");
   verb->add_flag("--json", o->json, "end standard output with one line of JSON");
-  verb->callback([o, stimulus, duration] {
+  verb->callback([o, stimulus, duration, atol] {
+    if (atol->count() == 0) o->atol = std::max(1e-16, 0.01 * o->rtol);
     const CellModel& model = find_model(o->model);
     o->stimulus_given = stimulus->count() > 0;
     o->duration_given = duration->count() > 0;
