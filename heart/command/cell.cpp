@@ -164,9 +164,12 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
     summary["end_state"][std::string(model.states[i].name)] = state[i];
 
   fmt::print("{}: {}, period {} ms, {} beats\n", model.name, model.title, o.period_ms, beats);
-  if (to_cycle)
+  if (to_cycle) {
     fmt::print("limit cycle: {}, distance {:.1e}, leading multiplier {:.4f}\n",
                to_string(certificate.verdict), certificate.distance, certificate.multiplier);
+    if (certificate.distance > o.distance && certificate.verdict == LimitCycleVerdict::period_1)
+      fmt::print("note: --rtol {} allows no smaller distance; {} was asked for\n", o.rtol, o.distance);
+  }
   fmt::print("V {:.3f} to {:.3f} mV, Ca_i {:.4g} to {:.4g} mM{}\n", summary["V_min_mV"].get<double>(),
              summary["V_max_mV"].get<double>(), summary["Ca_i_min_mM"].get<double>(),
              summary["Ca_i_max_mM"].get<double>(),
