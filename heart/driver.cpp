@@ -152,8 +152,8 @@ void HeartDriver::step(double t, BeatAudit& audit) {
 Table HeartDriver::trace() const {
   Table table = circulation_table();
   for (const auto& wall : walls_) {
-    std::string name;
-    for (int c : wall->cavities()) name += chamber_names[c];
+    const auto cavities = wall->cavities();
+    const std::string name(cavities.size() == 1 ? chamber_names[cavities.front()] : "ventricles");
     for (const WallOutput& output : wall->outputs())
       table.add(name + "." + output.name, output.unit, output.meaning);
   }

@@ -86,32 +86,43 @@ void HeartRun::prepare(Progress::Style style) {
   cost_.cells_s = seconds_since(begin);
 }
 
+ActiveFibre HeartRun::make_fibre(const FibrePlan& plan, const std::string& place) const {
+  const CellType& type = scene_.cells.at(plan.cells);
+  const PacedCellType& paced = cells_.at(plan.cells);
+  const double period_ms = scene_.period_s * units::ms_per_s;
+  std::unique_ptr<CellSource> source;
+  if (type.ionic) {
+    CalciumRescaling rescaling = type.rescaling;
+    if (rescaling.reading == CalciumReading::peak) rescaling.diastolic_uM = paced.calcium_min_uM;
+    source = std::make_unique<IonicCellSource>(
+        *type.ionic, type.ionic_parameters, paced.state_at_onset,
+        IonicCellSource::Pacing{period_ms, plan.activation_ms, type.stimulus,
+                                scene_.electrophysiology_integrator, scene_.electrophysiology_substep_ms},
+        rescaling);
+  } else {
+    source = std::make_unique<PrescribedCalcium>(type.transient, period_ms, plan.activation_ms);
+  }
+  ActiveFibreSettings settings = plan.settings;
+  settings.rest_calcium_uM = paced.calcium_min_uM;
+  return ActiveFibre(settings, plan.force_parameters, std::move(source), place);
+}
+
 void HeartRun::build() {
   std::vector<std::unique_ptr<Wall>> walls;
-  for (const auto& [chamber, plan] : scene_.walls) {
+  for (const WallPlan& plan : scene_.walls) {
     if (plan.kind == "elastance") {
-      walls.push_back(std::make_unique<ElastanceWall>(chamber, plan.elastance, scene_.period_s));
-      continue;
-    }
-    const CellType& type = scene_.cells.at(plan.cells);
-    const PacedCellType& paced = cells_.at(plan.cells);
-    std::unique_ptr<CellSource> source;
-    if (type.ionic) {
-      CalciumRescaling rescaling = type.rescaling;
-      if (rescaling.reading == CalciumReading::peak) rescaling.diastolic_uM = paced.calcium_min_uM;
-      source = std::make_unique<IonicCellSource>(
-          *type.ionic, type.ionic_parameters, paced.state_at_onset,
-          IonicCellSource::Pacing{scene_.period_s * units::ms_per_s, plan.activation_ms, type.stimulus,
-                                  scene_.electrophysiology_integrator, scene_.electrophysiology_substep_ms},
-          rescaling);
+      walls.push_back(
+          std::make_unique<ElastanceWall>(plan.cavities.front(), plan.elastance, scene_.period_s));
+    } else if (plan.kind == "reduced") {
+      walls.push_back(std::make_unique<ReducedWall>(plan.cavities.front(), plan.reduced,
+                                                    make_fibre(plan.fibres.front(), plan.name)));
     } else {
-      source = std::make_unique<PrescribedCalcium>(type.transient, scene_.period_s * units::ms_per_s,
-                                                   plan.activation_ms);
+      std::array<std::unique_ptr<ActiveFibre>, n_segments> segments;
+      for (int i = 0; i < n_segments; ++i)
+        segments[i] = std::make_unique<ActiveFibre>(
+            make_fibre(plan.fibres[i], fmt::format("{}.{}", plan.name, segment_names[i])));
+      walls.push_back(std::make_unique<TriSegWall>(plan.triseg, std::move(segments)));
     }
-    ReducedWallParameters reduced = plan.reduced;
-    reduced.rest_calcium_uM = paced.calcium_min_uM;
-    walls.push_back(std::make_unique<ReducedWall>(chamber, reduced, plan.force_parameters, std::move(source),
-                                                  scene_.rate, scene_.stabilise_active_stress));
   }
   driver_ =
       std::make_unique<HeartDriver>(DriverSettings{scene_.period_s, scene_.dt_s, scene_.stabilise_volumes},

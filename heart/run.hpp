@@ -58,6 +58,7 @@ class HeartRun {
 
  private:
   void build();
+  ActiveFibre make_fibre(const FibrePlan& plan, const std::string& place) const;
   void write(const std::filesystem::path& path) const;
 
   Scene scene_;

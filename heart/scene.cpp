@@ -27,6 +27,16 @@ constexpr Quantity activation{
     "activation_ms", "ms", 0, 0, 20000, "when the wall is stimulated, from the beat's start"};
 constexpr Quantity V0{"unloaded_volume_mL", "mL", 95, 0.1, 1e4, "cavity volume of the unloaded sphere"};
 constexpr Quantity Vw{"wall_volume_mL", "mL", 130, 0.1, 1e4, "volume of the wall"};
+constexpr Quantity V0_LV{"unloaded_LV_mL", "mL", 85, 1, 1e4, "unloaded volume of the left ventricle"};
+constexpr Quantity V0_RV{"unloaded_RV_mL", "mL", 100, 1, 1e4, "unloaded volume of the right ventricle"};
+constexpr Quantity septum_height{
+    "septum_height", "1", 0.66, 0.2, 1.8, "unloaded height of the septal cap, in radii of the LV"};
+constexpr Quantity reference_area{"reference_area_cm2",
+                                  "cm^2",
+                                  88.5,
+                                  1,
+                                  1e4,
+                                  "unloaded midwall area of the segment (follows from the unloaded volumes)"};
 constexpr Quantity stiffness{"stiffness_kPa", "kPa", 0.88, 1e-3, 1e3, "C of the Usyk law"};
 constexpr Quantity b_ff{"b_ff", "1", 8, 0, 100, "exponent of the Usyk law along the fibre"};
 constexpr Quantity b_ss{"b_ss", "1", 6, 0, 100, "exponent of the Usyk law through the wall"};
@@ -123,14 +133,44 @@ CellType read_cells(SettingsReader& table, const std::string& name) {
   return cell;
 }
 
-WallPlan read_wall(SettingsReader& table, int chamber, double period_s,
-                   const std::map<std::string, CellType>& cells) {
-  WallPlan wall;
-  const std::vector<std::string> kinds = {"elastance", "reduced"};
+FibrePlan read_fibre(SettingsReader& table, double period_s, const std::map<std::string, CellType>& cells) {
+  FibrePlan fibre;
+  std::vector<std::string> known;
+  for (const auto& entry : cells) known.push_back(entry.first);
+  if (known.empty())
+    throw InputError(
+        fmt::format("{}: this wall needs an entry of [cells] to drive it", table.place("cells")));
+  fibre.cells = table.choice("cells", known.front(), known, "entry of [cells]");
+  fibre.activation_ms = table.number(keys::activation);
+  if (fibre.activation_ms >= period_s * 1e3)
+    throw InputError(fmt::format("{} = {} ms is not within the period of {} s", table.place("activation_ms"),
+                                 fibre.activation_ms, period_s));
+  fibre.settings.active = table.flag("active", true);
+  fibre.settings.subtract_rest_tension = table.flag("subtract_rest_tension", true);
+  fibre.force_parameters = cells.at(fibre.cells).force_parameters;
+  fibre.force_parameters[Rdq20::a_XB] = table.number(keys::a_XB, fibre.force_parameters[Rdq20::a_XB]);
+  return fibre;
+}
+
+UsykLaw read_usyk(SettingsReader& table) {
+  return {table.number(keys::stiffness), table.number(keys::b_ff), table.number(keys::b_ss),
+          table.number(keys::b_nn)};
+}
+
+std::string read_kind(SettingsReader& table, std::string_view default_kind,
+                      const std::vector<std::string>& kinds) {
   if (table.is_text("kind") && table.text("kind", "") == "tissue")
     throw InputError(
         fmt::format("{}: this build has no 3D tissue; use kind = \"reduced\"", table.place("kind")));
-  wall.kind = table.choice("kind", "elastance", kinds, "kind of wall");
+  return table.choice("kind", default_kind, kinds, "kind of wall");
+}
+
+WallPlan read_wall(SettingsReader& table, int chamber, double period_s,
+                   const std::map<std::string, CellType>& cells) {
+  WallPlan wall;
+  wall.name = chamber_names[chamber];
+  wall.cavities = {chamber};
+  wall.kind = read_kind(table, "elastance", {"elastance", "reduced"});
   if (wall.kind == "elastance") {
     const auto sets = circulation_set_names(true);
     const std::string set =
@@ -139,30 +179,42 @@ WallPlan read_wall(SettingsReader& table, int chamber, double period_s,
     check_elastance(wall.elastance, period_s, table.place("TC").c_str());
     return wall;
   }
-  std::vector<std::string> known;
-  for (const auto& entry : cells) known.push_back(entry.first);
-  if (known.empty())
-    throw InputError(
-        fmt::format("{}: a reduced wall needs an entry of [cells] to drive it", table.place("cells")));
-  wall.cells = table.choice("cells", known.front(), known, "entry of [cells]");
-  wall.activation_ms = table.number(keys::activation);
-  if (wall.activation_ms >= period_s * 1e3)
-    throw InputError(fmt::format("{} = {} ms is not within the period of {} s", table.place("activation_ms"),
-                                 wall.activation_ms, period_s));
+  wall.fibres = {read_fibre(table, period_s, cells)};
   ReducedWallParameters& r = wall.reduced;
   r.sphere.V0_mL = table.number(keys::V0);
   r.sphere.Vw_mL = table.number(keys::Vw);
-  r.passive = {table.number(keys::stiffness), table.number(keys::b_ff), table.number(keys::b_ss),
-               table.number(keys::b_nn)};
+  r.passive = read_usyk(table);
   r.n_f = table.number(keys::n_f);
   r.n_n = table.number(keys::n_n);
   r.viscosity_Pa_s = table.number(keys::viscosity);
   r.epicardial_stiffness_Pa_per_m = table.number(keys::robin_k);
   r.epicardial_damping_Pa_s_per_m = table.number(keys::robin_c);
-  r.active = table.flag("active", true);
-  r.subtract_rest_tension = table.flag("subtract_rest_tension", true);
-  wall.force_parameters = cells.at(wall.cells).force_parameters;
-  wall.force_parameters[Rdq20::a_XB] = table.number(keys::a_XB, wall.force_parameters[Rdq20::a_XB]);
+  return wall;
+}
+
+// Both ventricles as one wall: [walls.ventricles] with a table for each segment.
+WallPlan read_ventricles(SettingsReader& table, double period_s,
+                         const std::map<std::string, CellType>& cells) {
+  WallPlan wall;
+  wall.name = "ventricles";
+  wall.cavities = {LV, RV};
+  wall.kind = read_kind(table, "triseg", {"triseg"});
+  wall.triseg.n_f = table.number(keys::n_f);
+  wall.triseg.n_n = table.number(keys::n_n);
+  TriSegShape shape;
+  shape.V_LV_mL = table.number(keys::V0_LV, shape.V_LV_mL);
+  shape.V_RV_mL = table.number(keys::V0_RV, shape.V_RV_mL);
+  shape.septum_height = table.number(keys::septum_height, shape.septum_height);
+  for (int i = 0; i < n_segments; ++i)
+    shape.wall_volume_mL[i] = table.table(segment_names[i]).number(keys::Vw, shape.wall_volume_mL[i]);
+  wall.triseg.caps = triseg_unloaded(shape).caps;
+  for (int i = 0; i < n_segments; ++i) {
+    SettingsReader& segment = table.table(segment_names[i]);
+    wall.fibres.push_back(read_fibre(segment, period_s, cells));
+    CapGeometry& cap = wall.triseg.caps[i];
+    cap.reference_area_cm2 = segment.number(keys::reference_area, cap.reference_area_cm2);
+    wall.triseg.passive[i] = read_usyk(segment);
+  }
   return wall;
 }
 
@@ -228,27 +280,39 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
   }
 
   SettingsReader& walls = reader.table("walls");
-  const std::vector<std::string> chambers = as_strings(chamber_names);
+  std::vector<std::string> known = as_strings(chamber_names);
+  known.emplace_back("ventricles");
   for (const std::string& key : walls.keys())
-    if (std::find(chambers.begin(), chambers.end(), key) == chambers.end()) {
+    if (std::find(known.begin(), known.end(), key) == known.end()) {
       try {
-        refuse_unknown("cavity", key, chambers);
+        refuse_unknown("cavity", key, known);
       } catch (const InputError& error) {
         throw InputError(fmt::format("{}: {}", walls.place(key), error.what()));
       }
     }
+  const bool joined = walls.has("ventricles");
   for (int c = 0; c < n_chambers; ++c) {
+    const bool ventricle = c == LV || c == RV;
+    if (joined && ventricle) {
+      if (walls.has(chamber_names[c]))
+        throw InputError(fmt::format("{}: walls.ventricles encloses this cavity already; name one of them",
+                                     walls.place(chamber_names[c])));
+      if (c == LV)
+        scene.walls.push_back(read_ventricles(walls.table("ventricles"), scene.period_s, scene.cells));
+      continue;
+    }
     if (!walls.has(chamber_names[c]))
       throw InputError(
           fmt::format("{} is missing: the closed loop needs a wall for each of LA, LV, RA and RV; the "
                       "cheapest is kind = \"elastance\"",
                       walls.place(chamber_names[c])));
-    scene.walls.emplace(c, read_wall(walls.table(chamber_names[c]), c, scene.period_s, scene.cells));
+    scene.walls.push_back(read_wall(walls.table(chamber_names[c]), c, scene.period_s, scene.cells));
   }
   // Cells that no wall uses are not built.
   std::erase_if(scene.cells, [&](const auto& entry) {
-    const bool used = std::any_of(scene.walls.begin(), scene.walls.end(),
-                                  [&](const auto& wall) { return wall.second.cells == entry.first; });
+    bool used = false;
+    for (const WallPlan& wall : scene.walls)
+      for (const FibrePlan& fibre : wall.fibres) used = used || fibre.cells == entry.first;
     if (!used)
       scene.warnings.push_back(fmt::format("cells.{} is used by no wall and is left out", entry.first));
     return !used;
@@ -303,9 +367,13 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
   scene.checkpoint_every_s = run.number(keys::checkpoint);
   reader.finish();
   const double substep_s = scene.regulatory_substep_us * 1e-6;
-  for (auto& [chamber, wall] : scene.walls)
-    wall.reduced.regulatory_substeps =
-        std::max(1, static_cast<int>(std::ceil(scene.dt_s / substep_s - 1e-9)));
+  for (WallPlan& wall : scene.walls)
+    for (FibrePlan& fibre : wall.fibres) {
+      fibre.settings.regulatory_substeps =
+          std::max(1, static_cast<int>(std::ceil(scene.dt_s / substep_s - 1e-9)));
+      fibre.settings.rate = scene.rate;
+      fibre.settings.stabilise = scene.stabilise_active_stress;
+    }
   scene.text = reader.full();
   return scene;
 }
@@ -327,11 +395,12 @@ Scene read_scene_text(const std::string& text, const std::string& name,
 
 double atrial_stimulus_s(const Scene& scene) {
   // Right atrium first (the pacemaker), then the left.
-  for (int chamber : {RA, LA}) {
-    const WallPlan& wall = scene.walls.at(chamber);
-    if (wall.kind == "reduced") return wall.activation_ms * units::s_per_ms;
-    if (wall.elastance.EA > 0) return wrapped(wall.elastance.tC, scene.period_s);
-  }
+  for (int chamber : {RA, LA})
+    for (const WallPlan& wall : scene.walls) {
+      if (wall.cavities.front() != chamber) continue;
+      if (wall.kind == "reduced") return wall.fibres.front().activation_ms * units::s_per_ms;
+      if (wall.elastance.EA > 0) return wrapped(wall.elastance.tC, scene.period_s);
+    }
   return 0;
 }
 

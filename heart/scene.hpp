@@ -16,6 +16,7 @@
 #include <wiggers/core/limit_cycle.hpp>
 #include <wiggers/heart/cell_source.hpp>
 #include <wiggers/heart/reduced_wall.hpp>
+#include <wiggers/heart/triseg_wall.hpp>
 
 namespace wiggers {
 
@@ -31,13 +32,22 @@ struct CellType {
   CalciumRescaling rescaling;
 };
 
-struct WallPlan {
-  std::string kind;  // elastance | reduced
-  ElastanceParameters elastance;
+// A piece of wall with its own cells and activation.
+struct FibrePlan {
   std::string cells;  // name of the entry of [cells]
   double activation_ms = 0;
+  ActiveFibreSettings settings;
+  std::vector<double> force_parameters;  // of the cell type, with the piece's own a_XB
+};
+
+struct WallPlan {
+  std::string name;           // as in the scene: LA, ..., or ventricles
+  std::vector<int> cavities;  // chambers it encloses
+  std::string kind;           // elastance | reduced | triseg
+  ElastanceParameters elastance;
   ReducedWallParameters reduced;
-  std::vector<double> force_parameters;  // of the cell type, with the wall's own a_XB
+  TriSegParameters triseg;
+  std::vector<FibrePlan> fibres;  // none, one, or the three segments
 };
 
 struct Scene {
@@ -46,7 +56,7 @@ struct Scene {
   double period_s = 0.8;
   double body_surface_area_m2 = 1.9;
   std::map<std::string, CellType> cells;
-  std::map<int, WallPlan> walls;  // by chamber
+  std::vector<WallPlan> walls;
   CirculationParameters circulation;
   CirculationValues initial{};
   double dt_s = 1e-3;

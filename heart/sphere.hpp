@@ -64,20 +64,25 @@ T usyk_exponent(const UsykLaw& law, const T& E_tangential, const T& E_radial) {
   return select(Q > usyk_exponent_cap, T(usyk_exponent_cap), Q);
 }
 
+// Fibre stress of the law under equibiaxial stretch, sigma_ff + sigma_nn - 2 sigma_ss (kPa):
+// lambda^2 (S_f + S_n) - 2 lambda^-4 S_s with S_a = C e^Q b_a E_aa.
+template <class T>
+T usyk_fibre_stress(const UsykLaw& law, const T& lambda2) {
+  const T lambda4_inverse = 1.0 / square(lambda2);
+  const T E_t = 0.5 * (lambda2 - 1.0);
+  const T E_r = 0.5 * (lambda4_inverse - 1.0);
+  return law.C_kPa * exp(usyk_exponent(law, E_t, E_r)) *
+         ((law.b_ff + law.b_nn) * E_t * lambda2 - 2.0 * law.b_ss * E_r * lambda4_inverse);
+}
+
 template <class T, int n>
 T passive_pressure(const SphereWall& wall, const UsykLaw& law, const GaussRule<n>& rule, const T& V) {
   T sum(0.0);
   for (int q = 0; q < n; ++q) {
     const double xi = wall.V0_mL + wall.Vw_mL * rule.point[q];
     const T v = V + (xi - wall.V0_mL);
-    const T lambda2 = square(cbrt(T(v / xi)));
-    const T lambda4_inverse = 1.0 / square(lambda2);
-    const T E_t = 0.5 * (lambda2 - 1.0);
-    const T E_r = 0.5 * (lambda4_inverse - 1.0);
-    const T stress = law.C_kPa * exp(usyk_exponent(law, E_t, E_r));
-    const T difference =
-        stress * ((law.b_ff + law.b_nn) * E_t * lambda2 - 2.0 * law.b_ss * E_r * lambda4_inverse);
-    sum = sum + (rule.weight[q] * wall.Vw_mL / 3.0) * difference / v;
+    const T stress = usyk_fibre_stress(law, square(T(cbrt(T(v / xi)))));
+    sum = sum + (rule.weight[q] * wall.Vw_mL / 3.0) * stress / v;
   }
   return sum;
 }

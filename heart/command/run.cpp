@@ -76,11 +76,12 @@ void add_check(CLI::App& app) {
       return;
     }
     fmt::print("{}: good\n", o->scene);
-    for (const auto& [chamber, wall] : scene.walls)
-      fmt::print("  {}: {}{}\n", chamber_names[chamber], wall.kind,
-                 wall.kind == "reduced"
-                     ? fmt::format(", cells {}, activated at {} ms", wall.cells, wall.activation_ms)
-                     : std::string());
+    for (const WallPlan& wall : scene.walls) {
+      fmt::print("  {}: {}", wall.name, wall.kind);
+      for (const FibrePlan& fibre : wall.fibres)
+        fmt::print(", cells {} activated at {} ms", fibre.cells, fibre.activation_ms);
+      fmt::print("\n");
+    }
     fmt::print("  blood volume {:.1f} mL, period {} s, step {} s\n",
                total_volume(scene.circulation, scene.initial.data()), scene.period_s, scene.dt_s);
     const double bound = largest_explicit_step(scene.circulation);

@@ -64,6 +64,15 @@ class Result:
             names[(self.time - begin) % self.period < length] = name
         return names
 
+    def _cells_by_chamber(self):
+        """Cell traces of each chamber; of TriSeg ventricles the free walls stand for theirs."""
+        for name, data in self.cells.items():
+            if name != "ventricles":
+                yield name, data
+                continue
+            for chamber, wall in (("LV", "left_"), ("RV", "right_")):
+                yield chamber, {key[len(wall):]: values for key, values in data.items() if key.startswith(wall)}
+
     def ecg_surrogate(self):
         """A surrogate of the surface ECG from the activation of the chambers; None without activation.
 
@@ -75,7 +84,7 @@ class Result:
         weight = {"RA": 0.14, "LA": 0.12, "LV": 1.0, "RV": -0.25}
         total = np.zeros_like(self.time)
         found = False
-        for chamber, data in self.cells.items():
+        for chamber, data in self._cells_by_chamber():
             if "membrane_potential" in data:
                 wave, scale = data["membrane_potential"], 1 / 100
             elif "activation" in data:

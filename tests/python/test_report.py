@@ -6,7 +6,7 @@ import pytest
 from conftest import SCENES
 
 
-@pytest.mark.parametrize("scene", ["whole_heart", "elastance_healthy", "mixed", "no_stress_stabilisation"])
+@pytest.mark.parametrize("scene", ["whole_heart", "elastance_healthy", "mixed", "triseg", "no_stress_stabilisation"])
 def test_report_of_a_scene(wiggers, tmp_path, scene):
     assert wiggers("run", SCENES / f"{scene}.toml", "-o", "r.h5", "--quiet").status == 0
     outcome = wiggers("report", "r.h5", "-o", "report")
