@@ -149,6 +149,12 @@ FibrePlan read_fibre(SettingsReader& table, double period_s, const std::map<std:
   fibre.settings.subtract_rest_tension = table.flag("subtract_rest_tension", true);
   fibre.force_parameters = cells.at(fibre.cells).force_parameters;
   fibre.force_parameters[Rdq20::a_XB] = table.number(keys::a_XB, fibre.force_parameters[Rdq20::a_XB]);
+  // The force model must hold at least at the length that strain is referred to.
+  try {
+    check_sarcomere_length(fibre.force_parameters, fibre.force_parameters[Rdq20::SL0]);
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("{}: cells {}: {}", table.place("cells"), fibre.cells, error.what()));
+  }
   return fibre;
 }
 

@@ -113,6 +113,7 @@ TEST_CASE("scenes are refused before any work, naming key, value, range and near
   refused("cells.ventricles.stimulus_ms=abc", Contains("must be a number"));
   refused("cells.ventricles.ionic_changes.g_na=3", Contains("did you mean 'g_Na'"));
   refused("cells.ventricles.force_changes.gamma=-3", Contains("outside its range"));
+  refused("cells.ventricles.force_changes.alphaKd=2", Contains("dissociation constant"));
   refused("circulation.circuit.SYS.C_AR=-1", Contains("C_AR = -1"));
   refused("heart.period_s=0.001", Contains("period_s"));
   refused("solver.dt_s=3e-4", Contains("does not divide the period"));

@@ -19,7 +19,7 @@ def test_report_of_a_scene(wiggers, tmp_path, scene):
     page = (folder / "index.html").read_text()
     assert page.count("<svg") == 2
     assert not re.search(r"(src|href)=[\"']https?://", page)  # self-contained (namespaces of SVG are no links)
-    for text in ("end-diastolic volume", "reference", "limit cycle", "blood volume drift", "[walls.LV]"):
+    for text in ("end-diastolic volume", "reference", "limit cycle", "blood volume drift", "[walls.LA]"):
         assert text in page
     if scene == "no_stress_stabilisation":
         assert "oscillate" in page
