@@ -18,6 +18,11 @@ fs::path folder_of(const fs::path& path) {
   return path.has_parent_path() ? path.parent_path() : fs::path(".");
 }
 
+// The neighbour that a file is written to before it is renamed into place.
+std::string partial_name(const fs::path& path) {
+  return fmt::format("{}.{}.partial", path.string(), getpid());
+}
+
 // Devices and pipes (/dev/stdout) cannot be renamed into place; they are written through.
 bool is_special(const fs::path& path) {
   std::error_code ignored;
@@ -28,14 +33,15 @@ bool is_special(const fs::path& path) {
 
 void write_file_atomically(const fs::path& path, std::string_view bytes) {
   const bool special = is_special(path);
-  const fs::path target = special ? path : fs::path(fmt::format("{}.{}.partial", path.string(), getpid()));
+  const fs::path target = special ? path : fs::path(partial_name(path));
   const auto fail = [&](std::string_view what) {
     const int code = errno;
     if (!special) ::unlink(target.c_str());
-    throw ResourceError(fmt::format("cannot {} '{}': {}. {}", what, path.string(), std::strerror(code),
-                                    code == ENOSPC || code == EFBIG || code == EDQUOT
-                                        ? "Free some space; an earlier complete file was kept."
-                                        : "An earlier complete file was kept."));
+    std::error_code ignored;
+    throw ResourceError(
+        fmt::format("cannot {} '{}': {}.{}{}", what, path.string(), std::strerror(code),
+                    code == ENOSPC || code == EFBIG || code == EDQUOT ? " Free some space." : "",
+                    fs::exists(path, ignored) ? " The earlier file was kept." : ""));
   };
   const int file =
       special ? ::open(target.c_str(), O_WRONLY) : ::open(target.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
@@ -70,9 +76,24 @@ void require_writable(const fs::path& path, std::string_view option) {
     throw InputError(fmt::format("{}: '{}' is a folder; name a file", option, path.string()));
   if (!fs::is_directory(folder, ignored))
     throw InputError(fmt::format("{}: there is no folder '{}'", option, folder.string()));
-  if (::access(folder.c_str(), W_OK | X_OK) != 0)
-    throw InputError(fmt::format("{}: the folder '{}' is not writable: {}", option, folder.string(),
-                                 std::strerror(errno)));
+  // Try it: names too long, read-only or virtual file systems show here and not after the work.
+  const std::string trial = partial_name(path);
+  const int file = ::open(trial.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
+  if (file >= 0) {
+    ::close(file);
+    ::unlink(trial.c_str());
+  } else {
+    throw InputError(
+        fmt::format("{}: '{}' cannot be written: {}", option, path.string(), std::strerror(errno)));
+  }
+}
+
+void refuse_overwriting(const fs::path& output, std::string_view option, const fs::path& input) {
+  std::error_code ignored;
+  if (!output.empty() && !input.empty() && !is_special(output) &&
+      (output == input || fs::equivalent(output, input, ignored)))
+    throw InputError(
+        fmt::format("{}: '{}' is an input of this command; name another file", option, output.string()));
 }
 
 std::string read_file(const fs::path& path) {

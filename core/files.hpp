@@ -15,6 +15,10 @@ void write_file_atomically(const std::filesystem::path& path, std::string_view b
 // Refuses, before any work, a path that could not be written later (missing folder, no permission, a folder).
 void require_writable(const std::filesystem::path& path, std::string_view option);
 
+// Refuses an output that is one of the inputs.
+void refuse_overwriting(const std::filesystem::path& output, std::string_view option,
+                        const std::filesystem::path& input);
+
 std::string read_file(const std::filesystem::path& path);
 
 }  // namespace wiggers

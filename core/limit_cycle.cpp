@@ -13,6 +13,9 @@ namespace wiggers {
 
 namespace {
 
+// A search that its map's noise ends farther from the cycle than this has not found it.
+constexpr double largest_noisy_distance = 1e-4;
+
 double max_abs(const std::vector<double>& v) {
   double largest = 0;
   for (double entry : v) largest = std::max(largest, std::abs(entry));
@@ -160,7 +163,10 @@ void LimitCycleSearch::judge(double step_to_fixed_point) {
   // Two independent estimates of the distance: the change over 1 - lambda, and the model's own step.
   c.distance = std::max(r / std::max(1e-6, 1 - c.multiplier), step_to_fixed_point);
   if (c.beats >= 3 && (c.distance <= settings_.distance || r <= noise)) {
-    c.verdict = LimitCycleVerdict::period_1;
+    // The map's own noise ends the search; what is left of the distance must still be small to call it a
+    // cycle.
+    const bool near = c.distance <= std::max(settings_.distance, largest_noisy_distance);
+    c.verdict = near ? LimitCycleVerdict::period_1 : LimitCycleVerdict::not_converged;
     return;
   }
   if (c.beats < settings_.max_beats) return;
@@ -182,7 +188,10 @@ void put(std::vector<double>& out, const std::vector<double>& values) {
   out.insert(out.end(), values.begin(), values.end());
 }
 std::vector<double> take(const std::vector<double>& in, std::size_t& at) {
-  const auto size = static_cast<std::size_t>(in.at(at++));
+  const double stored = in.at(at++);
+  if (!(stored >= 0 && stored <= static_cast<double>(in.size() - at)))
+    throw InputError("the saved limit-cycle search is damaged");
+  const auto size = static_cast<std::size_t>(stored);
   std::vector<double> values(in.begin() + at, in.begin() + at + size);
   at += size;
   return values;

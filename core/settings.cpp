@@ -12,22 +12,36 @@ namespace wiggers {
 
 namespace {
 
-SettingsValue convert(const toml::value& value, const std::string& place);
+SettingsValue convert(const toml::value& value, const std::string& file, const std::string& place);
 
-std::shared_ptr<SettingsTable> convert_table(const toml::value& value, const std::string& place) {
+std::shared_ptr<SettingsTable> convert_table(const toml::value& value, const std::string& file,
+                                             const std::string& place) {
   auto table = std::make_shared<SettingsTable>();
   for (const auto& [key, entry] : value.as_table())
-    table->entries[key] = convert(entry, place.empty() ? key : place + "." + key);
+    table->entries[key] = convert(entry, file, place.empty() ? key : place + "." + key);
   return table;
 }
 
-SettingsValue convert(const toml::value& value, const std::string& place) {
+SettingsValue convert(const toml::value& value, const std::string& file, const std::string& place) {
   if (value.is_boolean()) return {value.as_boolean(), false};
   if (value.is_integer()) return {static_cast<double>(value.as_integer()), true};
   if (value.is_floating()) return {value.as_floating(), false};
   if (value.is_string()) return {value.as_string().str, false};
-  if (value.is_table()) return {convert_table(value, place), false};
-  throw InputError(fmt::format("{}: only numbers, text, true/false and tables are understood", place));
+  if (value.is_table()) return {convert_table(value, file, place), false};
+  throw InputError(
+      fmt::format("{}: {}: only numbers, text, true/false and tables are understood", file, place));
+}
+
+// The parser descends once per bracket and per dot: text made to exhaust the stack is refused first.
+void refuse_deep_nesting(const std::string& text, const std::string& name) {
+  int depth = 0, dots = 0;
+  for (char c : text) {
+    if (c == '[' || c == '{') ++depth;
+    if (c == ']' || c == '}') --depth;
+    dots = c == '\n' || c == '=' ? 0 : dots + (c == '.');
+    if (depth > 100 || dots > 1000)
+      throw InputError(fmt::format("{}: nested too deeply to be settings", name));
+  }
 }
 
 std::string kind_of(const SettingsValue& value) {
@@ -46,18 +60,31 @@ std::string kind_of(const SettingsValue& value) {
 std::string toml_text(std::string_view text) {
   std::string out = "\"";
   for (char c : text) {
+    if (static_cast<unsigned char>(c) < 0x20) {
+      out += fmt::format("\\u{:04x}", static_cast<int>(c));
+      continue;
+    }
     if (c == '"' || c == '\\') out += '\\';
     out += c;
   }
   return out + "\"";
 }
 
+// A key as it stands in TOML: quoted where it is no bare word.
+std::string written_key(std::string_view key) {
+  const bool bare = !key.empty() && std::all_of(key.begin(), key.end(), [](unsigned char c) {
+    return std::isalnum(c) || c == '_' || c == '-';
+  });
+  return bare ? std::string(key) : toml_text(key);
+}
+
 }  // namespace
 
 std::shared_ptr<SettingsTable> parse_settings_text(const std::string& text, const std::string& name) {
   try {
+    refuse_deep_nesting(text, name);
     std::istringstream stream(text);
-    return convert_table(toml::parse(stream, name), "");
+    return convert_table(toml::parse(stream, name), name, "");
   } catch (const toml::exception& error) {
     std::string message = error.what();
     while (!message.empty() && message.back() == '\n') message.pop_back();
@@ -75,6 +102,8 @@ void override_setting(SettingsTable& root, std::string_view assignment) {
     throw InputError(fmt::format("--set: expected key=value, got '{}'", assignment));
   const std::string key(assignment.substr(0, equals));
   const std::string value(assignment.substr(equals + 1));
+  if (value.find('\n') != std::string::npos)
+    throw InputError(fmt::format("--set {}: one key at a time", key));
   SettingsTable* table = &root;
   std::string_view rest = key;
   for (std::size_t dot = rest.find('.'); dot != std::string_view::npos; dot = rest.find('.')) {
@@ -109,12 +138,17 @@ const SettingsValue* SettingsReader::find(std::string_view key) const {
   return it == table_->entries.end() ? nullptr : &it->second;
 }
 
-bool SettingsReader::has(std::string_view key) const { return find(key) != nullptr; }
+bool SettingsReader::has(std::string_view key) const {
+  asked_.insert(std::string(key));
+  return find(key) != nullptr;
+}
 bool SettingsReader::is_text(std::string_view key) const {
+  asked_.insert(std::string(key));
   const SettingsValue* value = find(key);
   return value && std::holds_alternative<std::string>(value->data);
 }
 bool SettingsReader::is_table(std::string_view key) const {
+  asked_.insert(std::string(key));
   const SettingsValue* value = find(key);
   return value && std::holds_alternative<std::shared_ptr<SettingsTable>>(value->data);
 }
@@ -201,7 +235,8 @@ SettingsReader& SettingsReader::table(std::string_view key) {
     if (!table) throw InputError(fmt::format("{} must be a table, not {}", place(key), kind_of(*value)));
     entries = *table;
   }
-  const std::string inner = path_.empty() ? std::string(key) : path_ + "." + std::string(key);
+  const std::string part = written_key(key);
+  const std::string inner = path_.empty() ? part : path_ + "." + part;
   children_.emplace_back(std::string(key), std::make_unique<SettingsReader>(entries, file_, inner));
   return *children_.back().second;
 }
@@ -218,8 +253,13 @@ void SettingsReader::finish() const {
   for (const auto& entry : children_) known.push_back(entry.first);
   for (const auto& [key, value] : table_->entries) {
     if (std::find(known.begin(), known.end(), key) != known.end()) continue;
+    // Keys that were asked for and are not here may stand in such a file as well: they help to find the right
+    // name.
+    std::vector<std::string> possible = known;
+    for (const std::string& asked : asked_)
+      if (std::find(known.begin(), known.end(), asked) == known.end()) possible.push_back(asked);
     try {
-      refuse_unknown("key", key, known);
+      refuse_unknown("key", key, possible);
     } catch (const InputError& error) {
       throw InputError(fmt::format("{}: {}", place(key), error.what()));
     }
@@ -230,9 +270,7 @@ void SettingsReader::finish() const {
 void SettingsReader::write(std::string& out) const {
   if (!path_.empty() && !read_.empty()) out += fmt::format("\n[{}]\n", path_);
   for (const auto& [key, value] : read_) {
-    const bool bare = std::all_of(key.begin(), key.end(),
-                                  [](unsigned char c) { return std::isalnum(c) || c == '_' || c == '-'; });
-    out += fmt::format("{} = {}\n", bare ? key : toml_text(key), value);
+    out += fmt::format("{} = {}\n", written_key(key), value);
   }
   for (const auto& entry : children_) entry.second->write(out);
 }

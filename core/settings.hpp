@@ -9,6 +9,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <set>
 #include <span>
 #include <string>
 #include <string_view>
@@ -73,6 +74,7 @@ class SettingsReader {
   void remember(std::string_view key, std::string text);
   void write(std::string& out) const;
 
+  mutable std::set<std::string> asked_;  // keys whose presence was asked for
   std::shared_ptr<SettingsTable> table_;
   std::string file_;
   std::string path_;

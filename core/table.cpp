@@ -47,7 +47,8 @@ std::string_view trim(std::string_view text) {
 }  // namespace
 
 Table read_csv(const std::filesystem::path& path) {
-  const std::string text = read_file(path);
+  std::string text = read_file(path);
+  if (text.starts_with("\xEF\xBB\xBF")) text.erase(0, 3);  // byte-order mark
   Table table;
   std::size_t line_number = 0;
   for (std::string_view line : split(text, '\n')) {

@@ -25,6 +25,10 @@ class CellSource {
 };
 
 // An ionic cell: sub-stepped under the heart's step, stimulated once a beat at its activation time.
+//
+// It keeps its own grid of time, from stimulus onset to the end of the period, the same on which its limit
+// cycle was found: the pulse and the rest of the period are each divided evenly. Where the heart's step ends
+// between two points of the grid, calcium and potential are interpolated.
 class IonicCellSource final : public CellSource {
  public:
   struct Pacing {
@@ -41,12 +45,14 @@ class IonicCellSource final : public CellSource {
   void advance(double t, double dt) override;
   double calcium_uM() const override;
   bool has_potential() const override { return true; }
-  double potential_mV() const override { return state_[model_.membrane_potential]; }
+  double potential_mV() const override { return potential_mV_; }
   void save(std::vector<double>& out) const override;
   void restore(std::span<const double>& in) override;
 
  private:
-  void advance_local(double from_ms, double to_ms);  // times since the stimulus onset, in [0, period]
+  double grid_time(long step) const;  // ms since stimulus onset
+  void advance_to(double local_ms);   // to the first grid point not before
+  void read_out(double local_ms);     // calcium and potential at a time up to the grid point reached
 
   const CellModel& model_;
   std::vector<double> parameters_;
@@ -54,7 +60,12 @@ class IonicCellSource final : public CellSource {
   Pacing pacing_;
   CalciumRescaling rescaling_;
   std::unique_ptr<CellStepper> stepper_;
-  double charge_ = 0;  // of the start; held at each stimulus, so that a scheme's drift cannot accumulate
+  long n_on_, n_off_;    // steps during the pulse, and after it
+  double h_on_, h_off_;  // their lengths (ms)
+  double charge_ = 0;    // of the start; held at each stimulus, so that a scheme's drift cannot accumulate
+  long step_ = 0;        // grid steps done in this cycle
+  double calcium_before_ = 0, potential_before_ = 0;  // one grid point earlier
+  double calcium_mM_ = 0, potential_mV_ = 0;          // at the heart's time
 };
 
 // c0 + (c_peak - c0)/B (exp(-s/tau_decay) - exp(-s/tau_rise)), s the time since activation, B its peak.

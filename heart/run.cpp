@@ -64,13 +64,15 @@ void HeartRun::prepare(Progress::Style style) {
                                     paced.certificate.beats, paced.certificate.distance));
         paced.charge_drift_mV = one.invariant_drift();
       }
-      double low = std::numeric_limits<double>::infinity(), high = 0;
+      double low = std::numeric_limits<double>::infinity(), high = 0, peak = -1000;
       std::vector<double> state = paced.state_at_onset;
       one.beat(state, 1.0, [&](double, const double* y, double) {
         const double calcium = y[cell.ionic->cytosolic_calcium] * units::uM_per_mM;
         low = std::min(low, calcium);
         high = std::max(high, calcium);
+        peak = std::max(peak, y[cell.ionic->membrane_potential]);
       });
+      paced.potential_max_mV = peak;
       CalciumRescaling rescaling = cell.rescaling;
       rescaling.diastolic_uM = low;
       paced.calcium_min_uM = rescaling(low);
@@ -167,6 +169,7 @@ void HeartRun::resume(const std::filesystem::path& path) {
     paced.calcium_min_uM = facts.at(5);
     paced.calcium_max_uM = facts.at(6);
     paced.charge_drift_mV = facts.at(7);
+    paced.potential_max_mV = facts.at(8);
     cells_.emplace(name, std::move(paced));
   }
   build();
@@ -313,12 +316,14 @@ void HeartRun::write(const std::filesystem::path& path) const {
     const std::string group = "/checkpoint/cells/" + name;
     if (!paced.state_at_onset.empty())
       file.dataset(group + "/state_at_onset", paced.state_at_onset, "model units", "state at stimulus onset");
-    file.dataset(group + "/facts",
-                 {static_cast<double>(paced.certificate.verdict), paced.certificate.distance,
-                  paced.certificate.residual, paced.certificate.multiplier,
-                  static_cast<double>(paced.certificate.beats), paced.calcium_min_uM, paced.calcium_max_uM,
-                  paced.charge_drift_mV},
-                 "mixed", "verdict, distance, residual, multiplier, beats, calcium range, charge drift");
+    file.dataset(
+        group + "/facts",
+        {static_cast<double>(paced.certificate.verdict), paced.certificate.distance,
+         paced.certificate.residual, paced.certificate.multiplier,
+         static_cast<double>(paced.certificate.beats), paced.calcium_min_uM, paced.calcium_max_uM,
+         paced.charge_drift_mV, paced.potential_max_mV},
+        "mixed",
+        "verdict, distance, residual, multiplier, beats, calcium range, charge drift, peak potential");
   }
   file.dataset("/checkpoint/driver", driver_->save(), "mixed", "circulation, pressures, flows, walls");
   file.dataset("/checkpoint/search", search_->save(), "mixed", "memory of the limit-cycle search");

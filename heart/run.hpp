@@ -21,7 +21,8 @@ struct PacedCellType {
   LimitCycleCertificate certificate;  // verdict running: started from the published state
   double calcium_min_uM = 0;          // of one beat, after rescaling
   double calcium_max_uM = 0;
-  double charge_drift_mV = 0;  // of the scheme in one beat
+  double charge_drift_mV = 0;   // of the scheme in one beat
+  double potential_max_mV = 0;  // highest membrane potential of that beat
 };
 
 struct RunCost {

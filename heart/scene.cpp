@@ -252,6 +252,25 @@ void merge(SettingsTable& base, const SettingsTable& over) {
   }
 }
 
+// Overrides from the command line. Another kind of wall or cell replaces its table, as in a scene with a
+// base; a number of beats implies that the run ends after them.
+void apply(SettingsTable& table, const std::vector<std::string>& overrides) {
+  bool end_given = false;
+  for (const std::string& assignment : overrides)
+    end_given = end_given || assignment.starts_with("run.until=");
+  for (const std::string& assignment : overrides) {
+    const std::string key = assignment.substr(0, assignment.find('='));
+    if (key.ends_with(".kind") || key.ends_with(".ionic")) {
+      SettingsTable change;
+      override_setting(change, assignment);
+      merge(table, change);
+    } else {
+      override_setting(table, assignment);
+      if (key == "run.beats" && !end_given) override_setting(table, "run.until=beats");
+    }
+  }
+}
+
 std::shared_ptr<SettingsTable> with_base(std::shared_ptr<SettingsTable> table,
                                          const std::filesystem::path& file, int depth) {
   const auto it = table->entries.find("base");
@@ -388,14 +407,14 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
 
 Scene read_scene(const std::filesystem::path& path, const std::vector<std::string>& overrides) {
   auto table = with_base(parse_settings_file(path), path, 0);
-  for (const std::string& assignment : overrides) override_setting(*table, assignment);
+  apply(*table, overrides);
   return interpret(table, path.filename().string());
 }
 
 Scene read_scene_text(const std::string& text, const std::string& name,
                       const std::vector<std::string>& overrides) {
   auto table = parse_settings_text(text, name);
-  for (const std::string& assignment : overrides) override_setting(*table, assignment);
+  apply(*table, overrides);
   return interpret(table, name);
 }
 

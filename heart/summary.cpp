@@ -95,7 +95,8 @@ Json flips_json(const Table& trace) {
 }
 
 double imbalance(double work, double dissipated) {
-  return dissipated != 0 ? std::abs(work - dissipated) / std::abs(dissipated) : 0;
+  // Below 1 mmHg mL a beat nothing flows: the difference then counts as it is.
+  return std::abs(work - dissipated) / std::max(1.0, std::abs(dissipated));
 }
 
 }  // namespace
@@ -131,6 +132,12 @@ Json summarise(const HeartRun& run) {
                  {"newton_iterations_last_beat", audit.newton_iterations}};
   Json warnings = Json::array();
   for (const std::string& warning : run.scene().warnings) warnings.push_back(warning);
+  for (const auto& [name, paced] : run.cells())
+    if (run.scene().cells.at(name).ionic && paced.potential_max_mV < 0)
+      warnings.push_back(fmt::format("cells {} do not fire: their potential stays below {:.0f} mV", name,
+                                     paced.potential_max_mV));
+  for (int v : {AV, PV})
+    if (!b.valve[v].opens_s) warnings.push_back(fmt::format("{} never opens", valve_names[v]));
   if (run.scene().until_limit_cycle && run.certificate().verdict != LimitCycleVerdict::period_1)
     warnings.push_back("the limit cycle was not reached; the indexes are of the last beat");
   if (out["flips"]["p_LV_mmHg"].get<double>() > 1)

@@ -14,6 +14,7 @@
 #include <string>
 #include <string_view>
 #include <vector>
+#include <wiggers/core/errors.hpp>
 
 namespace wiggers {
 
@@ -53,6 +54,7 @@ class Wall {
 
 // Takes the next value off a saved state.
 inline double take_saved(std::span<const double>& in) {
+  if (in.empty()) throw InputError("the saved state is damaged: it ends early");
   const double value = in.front();
   in = in.subspan(1);
   return value;

@@ -31,9 +31,20 @@ struct Options {
 
 // Cross-check with another implementation: derivatives and observables at given states.
 void evaluate_rows(const CellModel& model, const std::vector<double>& parameters, const Options& o) {
+  if (!o.until.empty() || o.beats != 0)
+    throw InputError("--rhs evaluates given states: --beats and --until have no place there");
   if (o.output.empty()) throw InputError("--rhs needs -o FILE.csv for the derivatives");
   require_writable(o.output, "-o");
+  refuse_overwriting(o.output, "-o", o.rhs);
   const Table states = read_csv(o.rhs);
+  const auto check_unit = [&](const Quantity& q) {
+    const Column* column = states.find(q.name);
+    if (column && !column->unit.empty() && column->unit != q.unit)
+      throw InputError(
+          fmt::format("{}: column '{}' is in {}, it must be in {}", o.rhs, q.name, column->unit, q.unit));
+  };
+  for (const Quantity& q : model.states) check_unit(q);
+  for (const Quantity& q : model.inputs) check_unit(q);
   Table out;
   out.add("case", "");
   for (const Quantity& q : model.states)
@@ -52,6 +63,8 @@ void evaluate_rows(const CellModel& model, const std::vector<double>& parameters
     for (std::size_t i = 0; i < y.size(); ++i)
       if (!std::isfinite(y[i]))
         throw InputError(fmt::format("{}: row {}, state {} is not finite", o.rhs, row, model.states[i].name));
+    for (std::size_t i = 0; i < in.size(); ++i)
+      check_range(model.inputs[i], in[i], fmt::format("{}: row {}", o.rhs, row));
     model.evaluate(y.data(), in.data(), parameters.data(), rates.data(), observables.data());
     std::size_t c = 0;
     out.columns[c++].values.push_back(cases ? cases->values[row] : static_cast<double>(row));
@@ -94,9 +107,19 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   const bool to_cycle = end_of_run(o.until, o.beats);
   if (!o.output.empty()) require_writable(o.output, "-o");
   if (!o.final_state.empty()) require_writable(o.final_state, "--final-state");
-  if (!(o.sample_ms >= 1e-3 && o.sample_ms <= o.period_ms))
-    throw InputError(
-        fmt::format("--sample-ms {} is outside 0.001 to the period {} ms", o.sample_ms, o.period_ms));
+  check_option("--period-ms", o.period_ms, 1, 1e5);
+  check_option("--sample-ms", o.sample_ms, 1e-3, o.period_ms);
+  check_option("--stimulus-onset-ms", o.onset_ms, 0, o.period_ms);
+  check_limit_cycle_options(o.distance, o.max_beats);
+  const LimitCycleMethod method = limit_cycle_method(o.method);
+  if (o.integrator == "cvode") {
+    check_option("--rtol", o.rtol, 1e-13, 0.1);
+    check_option("--atol", o.atol, 1e-16, 1);
+  } else {
+    check_option("--dt-ms", o.dt_ms, 1e-4, o.period_ms);
+  }
+  for (const std::string& input : {o.start, o.final_state}) refuse_overwriting(o.output, "-o", input);
+  refuse_overwriting(o.final_state, "--final-state", o.start);
   StimulusPulse pulse = model.default_stimulus;
   if (o.stimulus_given) pulse.amplitude_A_per_F = o.stimulus;
   if (o.duration_given) pulse.duration_ms = o.duration_ms;
@@ -113,7 +136,7 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
     LimitCycleSettings settings;
     settings.distance = o.distance;
     settings.max_beats = o.max_beats;
-    settings.method = limit_cycle_method(o.method);
+    settings.method = method;
     certificate = cell.to_limit_cycle(state, settings, [&](const LimitCycleCertificate& c) {
       progress.update(-1, fmt::format("beat {}, distance {:.1e}", c.beats, c.distance));
     });
@@ -176,6 +199,12 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
              summary.contains("APD90_ms")
                  ? fmt::format(", APD90 {:.3f} ms", summary["APD90_ms"].get<double>())
                  : "");
+  if (!to_cycle && summary.contains("charge_drift_mV") &&
+      std::abs(summary["charge_drift_mV"].get<double>()) > 10)
+    fmt::print(
+        "warning: the scheme has moved the cell's conserved charge by {:.3g} mV; smaller steps or cvode keep "
+        "it, and --until limit-cycle holds it\n",
+        summary["charge_drift_mV"].get<double>());
   if (!o.output.empty()) {
     write_table(o.output, table, o.model, summary);
     fmt::print("last beat: {}\n", o.output);
@@ -189,9 +218,7 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   }
   if (o.json) fmt::print("{}\n", summary.dump());
   if (to_cycle && certificate.verdict != LimitCycleVerdict::period_1)
-    throw NumericalFailure(fmt::format("the limit cycle was not reached: {} after {} beats, distance {:.2g}",
-                                       to_string(certificate.verdict), certificate.beats,
-                                       certificate.distance));
+    throw NumericalFailure(limit_cycle_failure(certificate));
 }
 
 }  // namespace

@@ -82,7 +82,8 @@ Signal read_signal(const std::string& text, std::string_view option, const Quant
     s.t.push_back(time->values[k] * (in_ms ? units::s_per_ms : 1.0));
     s.y.push_back(value->values[k] * factor);
     check_range(quantity, s.y.back(), fmt::format("{}: row {}", text, k + 1));
-    if (k > 0 && s.t[k] <= s.t[k - 1])
+    if (!std::isfinite(s.t[k])) throw InputError(fmt::format("{}: row {}: time is not finite", text, k + 1));
+    if (k > 0 && !(s.t[k] > s.t[k - 1]))
       throw InputError(fmt::format("{}: row {}: time does not increase", text, k + 1));
   }
   if (s.t.size() < 2) throw InputError(fmt::format("{}: a series needs at least two rows", text));
@@ -104,6 +105,8 @@ void run_force(const Options& o) {
   const Signal length = read_signal(o.length, "--sarcomere-length", Rdq20::inputs[Rdq20::SL], 0);
   for (double SL : length.y) check_sarcomere_length(parameters, SL);
   if (!o.output.empty()) require_writable(o.output, "-o");
+  refuse_overwriting(o.output, "-o", o.calcium);
+  refuse_overwriting(o.output, "-o", o.length);
 
   std::vector<double> observables(model.observables.size()), rates(model.states.size());
   if (o.steady) {
@@ -139,12 +142,11 @@ void run_force(const Options& o) {
   double end = std::max(calcium.end(), length.end());
   if (o.duration_s > 0) end = begin + o.duration_s;
   if (!(end > begin)) throw InputError("nothing to integrate over: give a series, --duration-s, or --steady");
-  if (!(o.sample_ms > 0)) throw InputError("--sample-ms must be positive");
-  if (o.beats < 1) throw InputError("--beats must be at least 1");
-  if (!(o.rtol >= 1e-13 && o.rtol <= 0.1))
-    throw InputError(fmt::format("--rtol {} is outside 1e-13 to 0.1", o.rtol));
-  if (!(o.atol >= 1e-18 && o.atol <= 1))
-    throw InputError(fmt::format("--atol {} is outside 1e-18 to 1", o.atol));
+  check_option("--duration-s", end - begin, 1e-6, 1e4);
+  check_option("--sample-ms", o.sample_ms, 1e-3, 1e3 * (end - begin));
+  check_option("--beats", o.beats, 1, 1e6);
+  check_option("--rtol", o.rtol, 1e-13, 0.1);
+  check_option("--atol", o.atol, 1e-18, 1);
   std::vector<double> y = model.default_state();
   if (o.start == "steady")
     y = rdq20_steady_state(parameters, calcium.at(begin), length.at(begin));

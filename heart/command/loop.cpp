@@ -44,6 +44,12 @@ void add_loop(CLI::App& app) {
   verb->add_flag("--json", o->json, "end standard output with one line of JSON");
   verb->callback([o] {
     const bool to_cycle = end_of_run(o->until, o->beats);
+    const LimitCycleMethod method = limit_cycle_method(o->method);
+    refuse_overwriting(o->output, "-o", o->file);
+    check_limit_cycle_options(o->distance, o->max_beats);
+    check_option("--sample-ms", o->sample_ms, 1e-3, 1e5);
+    check_option("--rtol", o->integrator.relative_tolerance, 1e-13, 0.1);
+    check_option("--atol", o->integrator.absolute_tolerance, 1e-14, 1);
     auto table = parse_settings_file(o->file);
     for (const std::string& assignment : o->set) override_setting(*table, assignment);
     SettingsReader reader(table, std::filesystem::path(o->file).filename().string());
@@ -51,8 +57,6 @@ void add_loop(CLI::App& app) {
     if (!o->output.empty()) require_writable(o->output, "-o");
     if (!(o->sample_ms >= 1e-3 && o->sample_ms * 1e-3 <= loop.period_s))
       throw InputError(fmt::format("--sample-ms {} is outside 0.001 to the period", o->sample_ms));
-    if (!(o->distance >= 1e-12 && o->distance <= 0.1))
-      throw InputError(fmt::format("--distance {} is outside 1e-12 to 0.1", o->distance));
     const LoopSolver solver(loop, o->integrator);
 
     const auto begin = std::chrono::steady_clock::now();
@@ -68,7 +72,7 @@ void add_loop(CLI::App& app) {
       settings.distance = o->distance;
       settings.max_beats = o->max_beats;
       settings.plain_beats = 2;
-      settings.method = limit_cycle_method(o->method);
+      settings.method = method;
       summary.certificate = solver.to_limit_cycle(state, settings, [&](const LimitCycleCertificate& c) {
         progress.update(-1, fmt::format("beat {}, distance {:.1e}", c.beats, c.distance));
       });
@@ -105,9 +109,7 @@ void add_loop(CLI::App& app) {
     }
     if (o->json) fmt::print("{}\n", summarise(summary).dump());
     if (to_cycle && summary.certificate.verdict != LimitCycleVerdict::period_1)
-      throw NumericalFailure(fmt::format(
-          "the limit cycle was not reached: {} after {} beats, distance {:.2g}",
-          to_string(summary.certificate.verdict), summary.certificate.beats, summary.certificate.distance));
+      throw NumericalFailure(limit_cycle_failure(summary.certificate));
   });
 }
 

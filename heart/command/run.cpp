@@ -6,6 +6,7 @@
 #include <wiggers/heart/run.hpp>
 #include <wiggers/heart/summary.hpp>
 
+#include "shared.hpp"
 #include "verbs.hpp"
 
 namespace wiggers::command {
@@ -26,6 +27,7 @@ void add_run(CLI::App& app) {
   verb->add_flag("--json", o->json, "end standard output with one line of JSON");
   verb->callback([o] {
     const auto style = o->quiet ? Progress::Style::quiet : Progress::Style::automatic;
+    refuse_overwriting(o->output, "-o", o->scene);
     HeartRun run(read_scene(o->scene, o->set));
     // A resumed run goes on in the file it came from, unless another is named.
     std::optional<std::filesystem::path> result;
@@ -55,6 +57,8 @@ void add_run(CLI::App& app) {
     else
       fmt::print("no -o was given: nothing was written\n");
     if (o->json) fmt::print("{}\n", summary.dump());
+    if (run.scene().until_limit_cycle && certificate.verdict != LimitCycleVerdict::period_1)
+      throw NumericalFailure(limit_cycle_failure(certificate));
   });
 }
 

@@ -36,6 +36,24 @@ LimitCycleMethod limit_cycle_method(const std::string& name) {
   refuse_unknown("limit-cycle method", name, std::vector<std::string>{"anderson", "pacing"});
 }
 
+void check_option(std::string_view option, double value, double lower, double upper) {
+  if (!(value >= lower && value <= upper))
+    throw InputError(
+        fmt::format("{} {} is outside {} to {}", option, to_text(value), to_text(lower), to_text(upper)));
+}
+
+void check_limit_cycle_options(double distance, int max_beats) {
+  check_option("--distance", distance, 1e-12, 0.1);
+  check_option("--max-beats", max_beats, 3, 1e6);
+}
+
+std::string limit_cycle_failure(const LimitCycleCertificate& c) {
+  return fmt::format(
+      "the limit cycle was not reached: {} after {} beats, distance {:.2g}. Allow more beats, or tighten the "
+      "integrator's tolerance or step: its own noise bounds the distance.",
+      to_string(c.verdict), c.beats, c.distance);
+}
+
 std::optional<double> action_potential_duration(const std::vector<double>& t, const std::vector<double>& V,
                                                 double repolarised) {
   const auto peak = std::max_element(V.begin(), V.end());

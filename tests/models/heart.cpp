@@ -285,6 +285,17 @@ TEST_CASE("a staggered elastance heart converges to the ODE loop with order one"
   CHECK(errors[0] / errors[1] == Approx(10).epsilon(0.3));
 }
 
+TEST_CASE("steps, pulses and activations that share no grid still reach the cycle") {
+  for (const char* change :
+       {"solver.dt_s=0.00032", "cells.ventricles.stimulus_ms=1.03", "walls.LV.activation_ms=160.37",
+        "walls.RV.activation_ms=799.9", "solver.electrophysiology_substep_ms=0.03"}) {
+    const auto run = finished("whole_heart", {change});
+    INFO(change);
+    CHECK(run->certificate().verdict == LimitCycleVerdict::period_1);
+    CHECK(run->certificate().beats < 30);
+  }
+}
+
 TEST_CASE("too large a step ends in words that name the bound") {
   CHECK_THROWS_WITH(finished("elastance_healthy", {"solver.dt_s=8e-3", "run.until=beats", "run.beats=3"}),
                     Catch::Contains("3.85 ms"));

@@ -120,7 +120,9 @@ TEST_CASE("scenes are refused before any work, naming key, value, range and near
   refused("solver.scheme=monolithic", Contains("staggered"));
   refused("solver.stabilise.volume=true", Contains("did you mean 'volumes'"));
   refused("run.beats=0", Contains("beats"));
-  refused("run.beats=3", Contains("not both"));
+  CHECK_NOTHROW(read_scene(scenes + "whole_heart.toml", {"run.beats=3"}));
+  CHECK_THROWS_WITH(read_scene(scenes + "whole_heart.toml", {"run.beats=3", "run.until=limit-cycle"}),
+                    Contains("not both"));
   refused("titel=x", Contains("did you mean 'title'"));
   CHECK_THROWS_WITH(read_scene_text("title = \"no walls\"\n", "s.toml", {}), Contains("walls.LA is missing"));
 }

@@ -48,6 +48,16 @@ CASES = [
     (["force", "--calcium", "no.csv", "--sarcomere-length", "2.2", "--steady"], "no.csv"),
     (["loop", "missing.toml", "--beats", "1"], "missing.toml"),
     (["loop", SCENES / "whole_heart.toml", "--beats", "1"], "unknown key"),
+    (["run", SCENES / "whole_heart.toml", "--set", "run.beat=5"], "did you mean 'beats'"),
+    (["loop", SCENES / "whole_heart.toml", "--beats", "1", "--rtol", "nan"], "--rtol"),
+    (["cell", "crn", "--beats", "1", "--period-ms", "1e9"], "--period-ms"),
+    (["cell", "crn", "--beats", "1", "--period-ms", "nan"], "--period-ms"),
+    (["cell", "crn", "--until", "limit-cycle", "--max-beats", "-5"], "--max-beats"),
+    (["cell", "crn", "--until", "limit-cycle", "--distance", "nan"], "--distance"),
+    (["cell", "crn", "--beats", "1", "-o", "a" * 300], "cannot be written"),
+    (["cell", "crn", "--beats", "1", "-o", "/proc/x.csv"], "cannot be written"),
+    (["force", "--calcium", "0.3", "--sarcomere-length", "2", "--duration-s", "inf"], "--duration-s"),
+    (["force", "--calcium", "0.3", "--sarcomere-length", "2", "--duration-s", "1", "--sample-ms", "1e-12"], "--sample-ms"),
     (["models", "cnr"], "did you mean 'crn'"),
     (["report", "missing.h5"], "missing.h5"),
     (["report", SCENES / "whole_heart.toml"], "not an HDF5 file"),
@@ -112,3 +122,67 @@ def test_a_run_that_breaks_down_says_where_and_keeps_the_last_good_state(wiggers
     with h5py.File(tmp_path / "r.h5") as file:
         assert file["provenance/status"][()] == b"incomplete"
     assert '"indexes"' not in outcome.out
+
+
+def test_an_output_never_replaces_an_input(wiggers, tmp_path):
+    (tmp_path / "l.toml").write_text("period_s = 0.8\n")
+    (tmp_path / "s.toml").write_text((SCENES / "elastance_healthy.toml").read_text())
+    (tmp_path / "st.csv").write_text((DATA / "cell" / "crn_rhs.csv").read_text())
+    for words in (["loop", "l.toml", "--beats", 1, "-o", "l.toml"], ["run", "s.toml", "-o", "./s.toml"],
+                  ["cell", "crn", "--rhs", "st.csv", "-o", "st.csv"],
+                  ["cell", "crn", "--beats", 1, "-o", "e.csv", "--final-state", "e.csv"]):
+        before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+        outcome = wiggers(*words)
+        assert outcome.status == 2 and "name another file" in outcome.err, words
+        assert before == {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+
+
+def test_hostile_files(wiggers, tmp_path):
+    (tmp_path / "deep.toml").write_text("x = " + "[" * 200_000)
+    (tmp_path / "dots.toml").write_text(".".join(["a"] * 100_000) + " = 1")
+    for name in ("deep.toml", "dots.toml"):
+        outcome = wiggers("check", name)
+        assert outcome.status == 2 and "nested too deeply" in outcome.err
+    (tmp_path / "n.csv").write_text("t [s],Ca [uM]\n0,0.1\nnan,0.2\n0.3,0.3\n")
+    outcome = wiggers("force", "--calcium", "n.csv", "--sarcomere-length", 2)
+    assert outcome.status == 2 and "row 2" in outcome.err
+    text = (DATA / "cell" / "crn_rhs.csv").read_text()
+    (tmp_path / "u.csv").write_text(text.replace("V [mV]", "V [V]", 1))
+    outcome = wiggers("cell", "crn", "--rhs", "u.csv", "-o", "x.csv")
+    assert outcome.status == 2 and "must be in mV" in outcome.err
+    lines = text.splitlines()
+    cells = lines[1].split(",")
+    cells[1] = "nan"
+    (tmp_path / "i.csv").write_text("\n".join([lines[0], ",".join(cells)]))
+    outcome = wiggers("cell", "crn", "--rhs", "i.csv", "-o", "x.csv")
+    assert outcome.status == 2 and "i_stim" in outcome.err
+    (tmp_path / "bom.csv").write_bytes(b"\xef\xbb\xbft [s],Ca [uM]\r\n0,0.1\r\n0.01,0.2\r\n")
+    assert wiggers("force", "--calcium", "bom.csv", "--sarcomere-length", 2).status == 0
+
+
+def test_a_limit_cycle_that_was_not_reached_is_a_failure(wiggers, tmp_path):
+    outcome = wiggers("run", SCENES / "elastance_healthy.toml", "--set", "run.max_beats=4", "-o", "r.h5", "--json")
+    assert outcome.status == 1 and "limit cycle was not reached" in outcome.err
+    assert outcome.json()["limit_cycle"]["verdict"] == "not-converged"
+    (tmp_path / "l.toml").write_text("")
+    outcome = wiggers("loop", "l.toml", "--until", "limit-cycle", "--rtol", "0.1")
+    assert outcome.status == 1 and "tolerance" in outcome.err
+
+
+def test_titles_and_text_survive_the_full_listing(wiggers, tmp_path):
+    scene = (SCENES / "elastance_healthy.toml").read_text().replace('title = "', 'title = "a\\nb\\t[run] ', 1)
+    (tmp_path / "s.toml").write_text(scene)
+    full = wiggers("check", "s.toml", "--full").out
+    (tmp_path / "f.toml").write_text(full)
+    again = wiggers("check", "f.toml", "--full")
+    assert again.status == 0 and again.out == full
+
+
+def test_silent_cells_are_reported(wiggers):
+    outcome = wiggers("run", SCENES / "mixed.toml", "--set", "cells.ventricles.stimulus_A_per_F=0", "--set", "run.beats=1", "--json")
+    assert outcome.status == 0 and any("do not fire" in w for w in outcome.json()["warnings"])
+
+
+def test_another_kind_of_wall_replaces_the_table(wiggers):
+    outcome = wiggers("check", SCENES / "whole_heart.toml", "--set", "walls.LV.kind=elastance")
+    assert outcome.status == 0 and "LV: elastance" in outcome.out
