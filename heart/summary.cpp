@@ -185,6 +185,10 @@ Json summarise(const LoopSummary& loop) {
   out["warnings"] = Json::array();
   if (loop.limit_cycle_wanted && loop.certificate.verdict != LimitCycleVerdict::period_1)
     out["warnings"].push_back("the limit cycle was not reached; the indexes are of the last beat");
+  if (loop.limit_cycle_wanted && loop.certificate.verdict == LimitCycleVerdict::period_1 &&
+      loop.certificate.distance > loop.wanted_distance)
+    out["warnings"].push_back(
+        "the integrator's tolerance allows no smaller distance to the limit cycle than stated");
   return out;
 }
 

@@ -25,6 +25,7 @@ struct LoopSummary {
   double atrial_stimulus_s = 0;
   LimitCycleCertificate certificate;
   bool limit_cycle_wanted = false;
+  double wanted_distance = 0;
   double blood_volume_drift_mL = 0;
   double wall_s = 0;
   int beats = 0;

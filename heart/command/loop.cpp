@@ -66,6 +66,7 @@ void add_loop(CLI::App& app) {
     summary.title = std::filesystem::path(o->file).stem().string();
     summary.circulation = loop.circulation;
     summary.limit_cycle_wanted = to_cycle;
+    summary.wanted_distance = o->distance;
     const double volume = total_volume(loop.circulation, state.data());
     if (to_cycle) {
       LimitCycleSettings settings;
