@@ -27,6 +27,21 @@ PacedCell make_paced_cell(const Scene& scene, const CellType& cell) {
                    {scene.electrophysiology_integrator, 1e-8, 1e-10, scene.electrophysiology_substep_ms});
 }
 
+// Where a column of the trace stands in the result file.
+std::string place_of(const std::string& name) {
+  const auto is_one_of = [](const auto& names, std::string_view wanted) {
+    return std::find(names.begin(), names.end(), wanted) != names.end();
+  };
+  if (name == "t_s") return "/time";
+  if (const auto dot = name.find('.'); dot != std::string::npos)
+    return "/cells/" + name.substr(0, dot) + "/" + name.substr(dot + 1);
+  const std::string place = name.substr(2);
+  if (is_one_of(valve_names, place)) return "/valves/" + place + "/flow";
+  if (is_one_of(chamber_names, place))
+    return "/cavities/" + place + (name[0] == 'V' ? "/volume" : "/pressure");
+  return "/circulation/" + name;
+}
+
 // The scene without its [run] table: what a resumed run must share with its checkpoint.
 std::string without_run_table(const std::string& text) {
   const std::size_t begin = text.find("\n[run]");
@@ -183,7 +198,7 @@ void HeartRun::resume(const std::filesystem::path& path) {
   cost_.heart_s = run.at(3);
   if (cost_.beats > 0) {
     trace_.clear_rows();
-    for (Column& column : trace_.columns) column.values = file.dataset("/checkpoint/trace/" + column.name);
+    for (Column& column : trace_.columns) column.values = file.dataset(place_of(column.name));
     const std::vector<double> audit = file.dataset("/checkpoint/audit");
     audit_.chamber_work_mmHg_mL = audit.at(0);
     audit_.dissipated_mmHg_mL = audit.at(1);
@@ -279,23 +294,7 @@ void HeartRun::write(const std::filesystem::path& path) const {
 
   if (cost_.beats > 0) {
     for (const Column& column : trace_.columns) {
-      std::string place;
-      const std::string& name = column.name;
-      const auto dot = name.find('.');
-      if (name == "t_s") {
-        place = "/time";
-      } else if (dot != std::string::npos) {
-        place = "/cells/" + name.substr(0, dot) + "/" + name.substr(dot + 1);
-      } else if (std::find(valve_names.begin(), valve_names.end(), name.substr(2)) != valve_names.end()) {
-        place = "/valves/" + name.substr(2) + "/flow";
-      } else if (std::find(chamber_names.begin(), chamber_names.end(), name.substr(2)) !=
-                 chamber_names.end()) {
-        place = "/cavities/" + name.substr(2) + (name[0] == 'V' ? "/volume" : "/pressure");
-      } else {
-        place = "/circulation/" + name;
-      }
-      file.dataset(place, column.values, column.unit, column.meaning);
-      file.dataset("/checkpoint/trace/" + name, column.values, column.unit, column.meaning);
+      file.dataset(place_of(column.name), column.values, column.unit, column.meaning);
     }
     write_indexes(file, indexes(), scene_.body_surface_area_m2);
     file.text("/summary", summarise(*this).dump());
