@@ -92,7 +92,7 @@ def test_unwritable_folder(wiggers, tmp_path):
     folder = tmp_path / "locked"
     folder.mkdir(mode=0o500)
     outcome = wiggers("run", SCENES / "elastance_healthy.toml", "-o", folder / "r.h5")
-    assert outcome.status == 2 and "not writable" in outcome.err
+    assert outcome.status == 2 and "cannot be written" in outcome.err
 
 
 def test_a_full_disk_keeps_the_earlier_file(tmp_path):
