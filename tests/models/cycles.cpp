@@ -53,7 +53,7 @@ TEST_CASE("charge drifts by less than 1e-6 of a beat's turnover in 100 beats wit
   }
 }
 
-TEST_CASE("TTP06 reaches its limit cycle in at most 16 beats; other starts on the leaf give the same") {
+TEST_CASE("TTP06 reaches its limit cycle in at most 16 beats - other starts on the leaf give the same") {
   LimitCycleCertificate certificate;
   const StimulusPulse pulse{-25.71, 3, 0};
   const CellIntegrator tight{"cvode", 1e-10, 1e-12, 0.02};

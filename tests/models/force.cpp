@@ -117,7 +117,7 @@ TEST_CASE("twitches and ramps against the reference") {
   if (!any) WARN("full reference not at hand: skipped");
 }
 
-TEST_CASE("the stepper converges to the equations; crossbridges are exact for frozen regulation") {
+TEST_CASE("the stepper converges to the equations - crossbridges are exact for frozen regulation") {
   const CellModel& model = find_model("rdq20");
   const auto parameters = model.parameter_values("fedele2023-ventricles");
   const Rdq20Stepper stepper(parameters);

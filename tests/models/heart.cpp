@@ -56,6 +56,8 @@ TEST_CASE("main job: on its limit cycle, inside the clinical bars") {
   CHECK(std::abs(b.ventricle[0].SV_mL - b.ventricle[1].SV_mL) < 0.1);
   CHECK(run.blood_volume_drift_mL() < 1e-8);
   CHECK(run.audit().volume_mismatch_mL < 1e-8);  // stabilised volumes equal the circulation's
+  // Newton stays Newton: a wrong derivative or update would still converge, but slowly.
+  CHECK(run.audit().newton_iterations < 4 * run.driver().steps_per_beat());
   CHECK(std::abs(run.audit().chamber_work_mmHg_mL / run.audit().dissipated_mmHg_mL - 1) < 0.01);
   // All twenty volumetric indexes inside their reference ranges.
   for (double bsa : {1.8, 1.9, 2.0})
@@ -131,7 +133,9 @@ TEST_CASE("the two stabilisations: together clean, each alone and neither oscill
   }
 }
 
-TEST_CASE("a wall dashpot breaks the plain volume constraint at any step; the stabilised one carries it") {
+TEST_CASE(
+    "a wall dashpot makes the plain volume constraint oscillate at any step - the stabilised one carries "
+    "it") {
   for (double dt : {1e-3, 2.5e-4}) {
     const std::string step = "solver.dt_s=" + std::to_string(dt);
     const std::vector<std::string> viscous = {step,
@@ -144,7 +148,9 @@ TEST_CASE("a wall dashpot breaks the plain volume constraint at any step; the st
     std::vector<std::string> plain = viscous;
     plain.push_back("solver.stabilise.volumes=false");
     INFO("dt " << dt);
-    CHECK_THROWS_AS(finished("whole_heart", plain), NumericalFailure);
+    // On this heart the plain constraint oscillates through the beat; the prototype's surrogate heart broke
+    // down.
+    CHECK(largest_flip(finished("whole_heart", plain)->trace().at("Q_AV").values) > 1000);
     const auto run = finished("whole_heart", viscous);
     const auto& Q = run->trace().at("Q_AV").values;
     CHECK(largest_flip({Q.begin() + 5, Q.end()}) <= 1);
@@ -294,6 +300,23 @@ TEST_CASE("steps, pulses and activations that share no grid still reach the cycl
     CHECK(run->certificate().verdict == LimitCycleVerdict::period_1);
     CHECK(run->certificate().beats < 30);
   }
+}
+
+TEST_CASE("calcium between two points of the cell's grid is interpolated") {
+  // A coarse cell grid under a fine heart step: the same cell read every 1 ms and every 0.0625 ms gives a
+  // trace without stairs.
+  const auto run =
+      finished("whole_heart", {"solver.dt_s=6.25e-5", "solver.electrophysiology_substep_ms=0.25",
+                               "solver.electrophysiology_integrator=rush-larsen-2", "run.beats=1"});
+  const auto& calcium = run->trace().at("LV.calcium").values;
+  double largest = 0;
+  int still = 0;
+  for (std::size_t k = 3000; k < 5000; ++k) {  // 187 to 312 ms: calcium moves all the time
+    largest = std::max(largest, std::abs(calcium[k] - calcium[k - 1]));
+    still += calcium[k] == calcium[k - 1];
+  }
+  CHECK(still == 0);
+  CHECK(largest < 2e-3);
 }
 
 TEST_CASE("too large a step ends in words that name the bound") {

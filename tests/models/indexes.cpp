@@ -80,7 +80,7 @@ TEST_CASE("stroke work is the area of the loop") {
   CHECK(work > 0);
 }
 
-TEST_CASE("a flip is a change back and forth; smooth curves have none") {
+TEST_CASE("a flip is a change back and forth - smooth curves have none") {
   CHECK(largest_flip({0, 1, 2, 3}) == 0);
   CHECK(largest_flip({0, 5, 2, 4}) == 3);
   CHECK(largest_flip({1, 1, 1}) == 0);

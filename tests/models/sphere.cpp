@@ -37,7 +37,7 @@ TEST_CASE("G is the wall volume times the slope of the mean stretch") {
   }
 }
 
-TEST_CASE("no pressure in the unloaded state; the passive pressure grows with volume") {
+TEST_CASE("no pressure in the unloaded state - the passive pressure grows with volume") {
   CHECK(std::abs(passive_pressure(left_ventricle, law, gauss_8(), 85.0)) < 1e-14);
   double before = -1e9;
   for (double V = 30; V < 300; V += 5) {

@@ -171,6 +171,7 @@ TEST_CASE("TriSeg heart with the stabilised stress: smooth, physiological, balan
   CHECK(b.ventricle[0].SV_mL == Approx(b.ventricle[1].SV_mL).margin(0.1));
   CHECK(run->blood_volume_drift_mL() < 1e-8);
   CHECK(run->audit().volume_mismatch_mL < 1e-8);
+  CHECK(run->audit().newton_iterations < 4.5 * run->driver().steps_per_beat());
   CHECK(largest_flip(run->trace().at("ventricles.septum_volume").values) < 0.02);
   const auto& septum = run->trace().at("ventricles.septum_volume").values;
   CHECK(*std::min_element(septum.begin(), septum.end()) > 15);

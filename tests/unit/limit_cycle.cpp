@@ -16,7 +16,7 @@ double error_of(const std::vector<double>& x) {
 }
 }  // namespace
 
-TEST_CASE("Anderson finds a slow fixed point in a fraction of plain pacing's beats; the distance is honest") {
+TEST_CASE("Anderson finds a slow fixed point in a fraction of plain pacing's beats - the distance is honest") {
   int beats[2];
   for (LimitCycleMethod method : {LimitCycleMethod::anderson, LimitCycleMethod::pacing}) {
     LimitCycleSettings settings;
@@ -35,7 +35,7 @@ TEST_CASE("Anderson finds a slow fixed point in a fraction of plain pacing's bea
   CHECK(beats[1] > 1000);
 }
 
-TEST_CASE("the change over a beat understates the distance; the certificate does not") {
+TEST_CASE("the change over a beat understates the distance - the certificate does not") {
   LimitCycleSettings settings;
   settings.method = LimitCycleMethod::pacing;
   settings.distance = 1e-4;

@@ -109,7 +109,7 @@ TEST_CASE("SIMD lanes, scalar and dual evaluation of the models agree") {
   compare_lanes<Rdq20>();
 }
 
-TEST_CASE("fact sheets with a gap do not compile; the checker sees each gap") {
+TEST_CASE("fact sheets with a gap do not compile - the checker sees each gap") {
   constexpr std::array good = {Quantity{"a", "1", 0, 0, 1, "m"}, Quantity{"b", "1", 0, 0, 1, "m"}};
   constexpr std::array same_name = {Quantity{"a", "1", 0, 0, 1, "m"}, Quantity{"a", "1", 0, 0, 1, "m"}};
   constexpr std::array no_unit = {Quantity{"a", "", 0, 0, 1, "m"}};

@@ -40,7 +40,7 @@ TEST_CASE("invalid TOML is refused with its line") {
   CHECK_THROWS_AS(parse_settings_text("a = [1, 2]", "f.toml"), InputError);
 }
 
-TEST_CASE("overrides reach nested tables; a bare word is text") {
+TEST_CASE("overrides reach nested tables - a bare word is text") {
   auto table = parse_settings_text("[a.b]\nx = 1\n", "f.toml");
   override_setting(*table, "a.b.x=2.5");
   override_setting(*table, "a.b.kind=reduced");
