@@ -1,8 +1,11 @@
+#include <cstring>
 #include <string>
+#include <type_traits>
 #include <wiggers/cellmodels/catalogue.hpp>
 #include <wiggers/cellmodels/crn.hpp>
 #include <wiggers/cellmodels/rdq20.hpp>
 #include <wiggers/cellmodels/ttp06.hpp>
+#include <wiggers/cellmodels/voltage_table.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/fixed_step.hpp>
@@ -87,6 +90,21 @@ class CellModelOf final : public CellModel {
     std::vector<std::string> known = {"cvode"};
     for (std::string_view present : integrator_names) known.emplace_back(present);
     refuse_unknown("integrator", integrator, known);
+  }
+
+  std::vector<double> derived_constants(const double* p) const override {
+    const auto constants = Model::constants(p);
+    static_assert(std::is_trivially_copyable_v<decltype(constants)>);
+    std::vector<double> values(sizeof(constants) / sizeof(double));
+    std::memcpy(values.data(), &constants, sizeof(constants));
+    return values;
+  }
+  std::vector<double> voltage_table_row(double V, double h, const double* p) const override {
+    if constexpr (is_ionic_model<Model>) {
+      const auto row = wiggers::voltage_table_row<Model, double>(V, h, Model::constants(p));
+      return {row.begin(), row.end()};
+    }
+    return {};
   }
 
   bool keeps_invariant(const double* p) const override {

@@ -45,6 +45,11 @@ class CellModel {
   virtual std::unique_ptr<CellStepper> stepper(std::string_view integrator,
                                                const std::vector<double>& parameters) const = 0;
 
+  // What the model derives from its parameters once, as plain numbers; and one row of its table of functions
+  // of V for steps of h (voltage_table.hpp; empty for models without a membrane).
+  virtual std::vector<double> derived_constants(const double* parameters) const = 0;
+  virtual std::vector<double> voltage_table_row(double V, double h, const double* parameters) const = 0;
+
   // The conserved quantity (charge of an ionic model). Whether it is conserved depends on the parameters.
   virtual bool keeps_invariant(const double* parameters) const = 0;
   virtual double invariant(const double* y, const double* parameters) const = 0;

@@ -65,6 +65,10 @@ struct Crn {
   static constexpr std::array<bool, states.size()> is_gate = {false, true, true,  true,  true,  true,  true,
                                                               true,  true, true,  true,  true,  true,  true,
                                                               true,  true, false, false, false, false, false};
+  // Gates whose steady value and time constant are functions of V alone.
+  static constexpr std::array<bool, states.size()> is_voltage_gate = {
+      false, true,  true,  true,  true, true,  true,  true,  true,  true, true,
+      true,  false, false, false, true, false, false, false, false, false};
   static constexpr int membrane_potential = V;
   static constexpr int cytosolic_calcium = Ca_i;
   static constexpr int balancing_ion = K_i;  // the invariant below is linear in it
@@ -191,7 +195,8 @@ struct Crn {
   template <class P>
   struct Constants {
     P p[parameters.size()];
-    P FRT, RTF, V_i, V_up, V_rel, charge_to_concentration, sigma, pump, exchanger, Na_o_cubed;
+    P FRT, RTF, half_RTF, E_Na_outside, E_K_outside, E_Ca_outside, V_i, V_up, V_rel, charge_to_concentration,
+        sigma, pump, exchanger, Na_o_cubed;
   };
   template <class P>
   static Constants<P> constants(const P* parameter) {
@@ -199,6 +204,10 @@ struct Crn {
     for (std::size_t i = 0; i < parameters.size(); ++i) c.p[i] = parameter[i];
     c.RTF = c.p[R] * c.p[T] / c.p[F];
     c.FRT = 1.0 / c.RTF;
+    c.half_RTF = 0.5 * c.RTF;
+    c.E_Na_outside = c.RTF * log(c.p[Na_o]);
+    c.E_K_outside = c.RTF * log(c.p[K_o]);
+    c.E_Ca_outside = c.half_RTF * log(c.p[Ca_o]);
     c.V_i = 0.68 * c.p[V_cell];
     c.V_up = 0.0552 * c.p[V_cell];
     c.V_rel = 0.0048 * c.p[V_cell];
@@ -210,43 +219,16 @@ struct Crn {
     return c;
   }
 
+  // Functions of V alone, in three parts so that tables can stand in for the first two: gates, factors of
+  // currents, and what needs the other states.
   template <class N, class P>
-  static Evaluation<N, states.size(), observables.size()> evaluate(const N* y, const N* in,
-                                                                   const Constants<P>& c) {
-    Evaluation<N, states.size(), observables.size()> e;
+  static void voltage_gates(const N& Vm, const Constants<P>& c,
+                            Evaluation<N, states.size(), observables.size()>& e) {
     const auto& p = c.p;
-    const N Vm = y[V];
     const auto gate = [&e](int index, const N& steady, const N& tau) {
       e.steady[index] = steady;
       e.tau[index] = tau;
     };
-
-    // Reversal potentials (Eq. 28).
-    const N E_Na = c.RTF * log(N(p[Na_o] / y[Na_i]));
-    const N E_K = c.RTF * log(N(p[K_o] / y[K_i]));
-    const N E_Ca = 0.5 * c.RTF * log(N(p[Ca_o] / y[Ca_i]));
-
-    // Currents (Eqs. 29-63).
-    const N iNa = p[g_Na] * cube(y[m]) * y[h] * y[j] * (Vm - E_Na);
-    const N iK1 = p[g_K1] * (Vm - E_K) / (1.0 + exp(N(0.07 * (Vm + 80.0))));
-    const N ito = p[g_to] * cube(y[oa]) * y[oi] * (Vm - E_K);
-    const N Kur_conductance = p[g_Kur] * (0.005 + 0.05 * logistic(N((Vm - 15.0) / 13.0)));
-    const N iKur = Kur_conductance * cube(y[ua]) * y[ui] * (Vm - E_K);
-    const N iKr = p[g_Kr] * y[xr] * (Vm - E_K) / (1.0 + exp(N((Vm + 15.0) / 22.4)));
-    const N iKs = p[g_Ks] * square(y[xs]) * (Vm - E_K);
-    const N iCaL = p[g_CaL] * y[d] * y[f] * y[f_Ca] * (Vm - 65.0);
-    const N iCaP = p[I_pCa_max] * y[Ca_i] / (p[K_mp_Ca] + y[Ca_i]);
-    const N f_NaK = 1.0 / (1.0 + 0.1245 * exp(N(-0.1 * Vm * c.FRT)) + 0.0365 * c.sigma * exp(N(-Vm * c.FRT)));
-    const N Na_ratio = p[K_m_Nai] / y[Na_i];
-    const N iNaK = c.pump * f_NaK / (1.0 + Na_ratio * sqrt(Na_ratio));
-    const N barrier_in = exp(N((p[gamma] - 1.0) * Vm * c.FRT));
-    const N iNaCa =
-        c.exchanger *
-        (exp(N(p[gamma] * Vm * c.FRT)) * cube(y[Na_i]) * p[Ca_o] - barrier_in * c.Na_o_cubed * y[Ca_i]) /
-        (1.0 + p[k_sat] * barrier_in);
-    const N iBNa = p[g_bNa] * (Vm - E_Na);
-    const N iBCa = p[g_bCa] * (Vm - E_Ca);
-
     // Sodium gates (Eqs. 30-34).
     const N m_a = 3.2 * x_over_one_minus_exp(N(0.1 * (Vm + 47.13)));
     const N m_b = 0.08 * exp(N(Vm * (-1.0 / 11.0)));
@@ -293,17 +275,72 @@ struct Crn {
          1.0 / (0.035 * 6.24 * x_over_one_minus_exp(d_arg) * (1.0 + exp(N(-d_arg)))));
     gate(f, logistic(N((Vm + 28.0) / -6.9)),
          9.0 / (0.0197 * exp(N(-square(N(0.0337 * (Vm + 10.0))))) + 0.02));
-    gate(f_Ca, 1.0 / (1.0 + y[Ca_i] / 0.00035), N(2.0));
+    const N w_arg = (Vm - 7.9) / 5.0;
+    gate(w, logistic(N((Vm - 40.0) / -17.0)),
+         6.0 / (5.0 * (1.0 + 0.3 * exp(N(-w_arg))) * x_over_one_minus_exp(w_arg)));
+  }
+
+  enum VoltageFactor {
+    K1_rectification,
+    Kur_opening,
+    Kr_rectification,
+    NaK_factor,
+    NaCa_forward,
+    NaCa_reverse
+  };
+  static constexpr std::size_t n_voltage_factors = 6;
+  template <class N, class P>
+  static std::array<N, n_voltage_factors> voltage_factors(const N& Vm, const Constants<P>& c) {
+    const auto& p = c.p;
+    const N barrier = exp(N((p[gamma] - 1.0) * Vm * c.FRT));
+    const N exchange = 1.0 / (1.0 + p[k_sat] * barrier);
+    return {N(1.0 / (1.0 + exp(N(0.07 * (Vm + 80.0))))),
+            N(0.005 + 0.05 * logistic(N((Vm - 15.0) / 13.0))),
+            N(1.0 / (1.0 + exp(N((Vm + 15.0) / 22.4)))),
+            N(1.0 / (1.0 + 0.1245 * exp(N(-0.1 * Vm * c.FRT)) + 0.0365 * c.sigma * exp(N(-Vm * c.FRT)))),
+            N(exp(N(p[gamma] * Vm * c.FRT)) * exchange),
+            N(barrier * exchange)};
+  }
+
+  // Currents, the other gates and the balances.
+  template <class N, class P>
+  static void balances(const N* y, const N* in, const std::array<N, n_voltage_factors>& factor,
+                       const Constants<P>& c, Evaluation<N, states.size(), observables.size()>& e) {
+    const auto& p = c.p;
+    const N Vm = y[V];
+    const auto gate = [&e](int index, const N& steady, const N& tau) {
+      e.steady[index] = steady;
+      e.tau[index] = tau;
+    };
+
+    // Reversal potentials (Eq. 28).
+    const N E_Na = c.E_Na_outside - c.RTF * log(y[Na_i]);
+    const N E_K = c.E_K_outside - c.RTF * log(y[K_i]);
+    const N E_Ca = c.E_Ca_outside - c.half_RTF * log(y[Ca_i]);
+
+    // Currents (Eqs. 29-63).
+    const N iNa = p[g_Na] * cube(y[m]) * y[h] * y[j] * (Vm - E_Na);
+    const N iK1 = p[g_K1] * (Vm - E_K) * factor[K1_rectification];
+    const N ito = p[g_to] * cube(y[oa]) * y[oi] * (Vm - E_K);
+    const N iKur = p[g_Kur] * factor[Kur_opening] * cube(y[ua]) * y[ui] * (Vm - E_K);
+    const N iKr = p[g_Kr] * y[xr] * (Vm - E_K) * factor[Kr_rectification];
+    const N iKs = p[g_Ks] * square(y[xs]) * (Vm - E_K);
+    const N iCaL = p[g_CaL] * y[d] * y[f] * y[f_Ca] * (Vm - 65.0);
+    const N iCaP = p[I_pCa_max] * y[Ca_i] / (p[K_mp_Ca] + y[Ca_i]);
+    const N Na_ratio = p[K_m_Nai] / y[Na_i];
+    const N iNaK = c.pump * factor[NaK_factor] / (1.0 + Na_ratio * sqrt(Na_ratio));
+    const N iNaCa = c.exchanger * (factor[NaCa_forward] * cube(y[Na_i]) * p[Ca_o] -
+                                   factor[NaCa_reverse] * c.Na_o_cubed * y[Ca_i]);
+    const N iBNa = p[g_bNa] * (Vm - E_Na);
+    const N iBCa = p[g_bCa] * (Vm - E_Ca);
 
     // Release (Eqs. 64-70). The flux signal is in mmol/ms times 1e-12 um^3.
+    gate(f_Ca, 1.0 / (1.0 + y[Ca_i] / 0.00035), N(2.0));
     const N i_rel = p[k_rel] * square(y[u]) * y[v] * y[w] * (y[Ca_rel] - y[Ca_i]);
     const N Fn = 1e-12 * c.V_rel * i_rel - (5e-13 / p[F]) * p[Cm] * (0.5 * iCaL - 0.2 * iNaCa);
     const N open = logistic(N((Fn - 3.4175e-13) / 13.67e-16));
     gate(u, open, N(8.0));
     gate(v, logistic(N((Fn - 6.835e-14) / -13.67e-16)), 1.91 + 2.09 * open);
-    const N w_arg = (Vm - 7.9) / 5.0;
-    gate(w, logistic(N((Vm - 40.0) / -17.0)),
-         6.0 / (5.0 * (1.0 + 0.3 * exp(N(-w_arg))) * x_over_one_minus_exp(w_arg)));
 
     // Sarcoplasmic reticulum (Eqs. 71-73) and balances (Eqs. 21-27).
     const N i_tr = (y[Ca_up] - y[Ca_rel]) / p[tau_tr];
@@ -325,6 +362,14 @@ struct Crn {
 
     e.observable = {iNa,  iK1,   ito,  iKur, iKr,   iKs,  iCaL,   iCaP,
                     iNaK, iNaCa, iBNa, iBCa, i_rel, i_up, i_leak, i_tr};
+  }
+
+  template <class N, class P>
+  static Evaluation<N, states.size(), observables.size()> evaluate(const N* y, const N* in,
+                                                                   const Constants<P>& c) {
+    Evaluation<N, states.size(), observables.size()> e;
+    voltage_gates(y[V], c, e);
+    balances(y, in, voltage_factors(y[V], c), c, e);
     return e;
   }
 

@@ -192,40 +192,63 @@ struct Rdq20 {
     return select(tiny, N(0.0), N(a / select(tiny, N(1.0), b)));
   }
 
+  // Transition rates with the neighbours' conditional rates frozen at one state: for it the regulatory units
+  // obey a linear dx/dt = A x, with A the generator of a Markov chain.
+  template <class N>
+  struct FrozenRates {
+    N left[2][2];   // of the left unit, in [its state][that of its right neighbour]
+    N right[2][2];  // of the right unit, in [that of its left neighbour][its state]
+    N bind;         // of calcium
+  };
+  template <class Pn>
+  static Pn centre_rate(int a, int b, int cc, int B, const Constants<Pn>& c) {
+    return b == 1 ? c.down[a + cc] : B == 1 ? c.up_bound[a + cc] : c.up_free[a + cc];
+  }
   template <class N, class Pn>
-  static Regulation<N> regulation(const N* y, const N& calcium, const N& sarcomere_length,
-                                  const Constants<Pn>& c) {
-    const auto& p = c.p;
-    Regulation<N> result;
-    N flux_T[n_probabilities], flux_C[n_probabilities];
-    const N bind = p[Koff] / dissociation_constant(sarcomere_length, p) * calcium;
-    const Pn unbind_permissive = p[Koff] / p[mu];
+  static N calcium_rate(int b, int B, const FrozenRates<N>& rates, const Constants<Pn>& c) {
+    if (B == 0) return rates.bind;
+    return b == 0 ? N(c.p[Koff]) : N(c.p[Koff] / c.p[mu]);
+  }
+
+  template <class N, class Pn>
+  static FrozenRates<N> frozen_rates(const N* y, const N& calcium, const N& sarcomere_length,
+                                     const Constants<Pn>& c) {
+    FrozenRates<N> rates;
+    rates.bind = c.p[Koff] / dissociation_constant(sarcomere_length, c.p) * calcium;
+    N flux[n_probabilities];
     for (int a = 0; a < 2; ++a)
       for (int b = 0; b < 2; ++b)
         for (int cc = 0; cc < 2; ++cc)
-          for (int B = 0; B < 2; ++B) {
-            const int i = P(a, b, cc, B);
-            const int neighbours = a + cc;
-            flux_T[i] = y[i] * (b == 1   ? c.down[neighbours]
-                                : B == 1 ? c.up_bound[neighbours]
-                                         : c.up_free[neighbours]);
-            flux_C[i] = B == 0 ? N(y[i] * bind) : N(y[i] * (b == 0 ? p[Koff] : unbind_permissive));
-          }
-    // Conditional rates of the outer units, given the pair they share with the neighbouring triplet.
-    N left[2][2], right[2][2];
+          for (int B = 0; B < 2; ++B) flux[P(a, b, cc, B)] = y[P(a, b, cc, B)] * centre_rate(a, b, cc, B, c);
     for (int s = 0; s < 2; ++s)
       for (int t = 0; t < 2; ++t) {
         N left_flux(0.0), left_sum(0.0), right_flux(0.0), right_sum(0.0);
         for (int x = 0; x < 2; ++x)
           for (int B = 0; B < 2; ++B) {
-            left_flux = left_flux + flux_T[P(x, s, t, B)];
+            left_flux = left_flux + flux[P(x, s, t, B)];
             left_sum = left_sum + y[P(x, s, t, B)];
-            right_flux = right_flux + flux_T[P(s, t, x, B)];
+            right_flux = right_flux + flux[P(s, t, x, B)];
             right_sum = right_sum + y[P(s, t, x, B)];
           }
-        left[s][t] = guarded_ratio(left_flux, left_sum);     // left unit in s, its right neighbour in t
-        right[s][t] = guarded_ratio(right_flux, right_sum);  // right unit in t, its left neighbour in s
+        rates.left[s][t] = guarded_ratio(left_flux, left_sum);
+        rates.right[s][t] = guarded_ratio(right_flux, right_sum);
       }
+    return rates;
+  }
+
+  // A x for frozen rates, and the rates of the crossbridges' exchange that x implies.
+  template <class N, class Pn>
+  static Regulation<N> flow(const N* x, const FrozenRates<N>& rates, const Constants<Pn>& c) {
+    Regulation<N> result;
+    N flux_T[n_probabilities], flux_C[n_probabilities];
+    for (int a = 0; a < 2; ++a)
+      for (int b = 0; b < 2; ++b)
+        for (int cc = 0; cc < 2; ++cc)
+          for (int B = 0; B < 2; ++B) {
+            const int i = P(a, b, cc, B);
+            flux_T[i] = x[i] * centre_rate(a, b, cc, B, c);
+            flux_C[i] = x[i] * calcium_rate(b, B, rates, c);
+          }
     N permissive(0.0), flux_PN(0.0), flux_NP(0.0);
     for (int a = 0; a < 2; ++a)
       for (int b = 0; b < 2; ++b)
@@ -234,12 +257,12 @@ struct Rdq20 {
             const int i = P(a, b, cc, B);
             const int il = P(1 - a, b, cc, B), it = P(a, 1 - b, cc, B), ir = P(a, b, 1 - cc, B);
             const int ic = P(a, b, cc, 1 - B);
-            const N swap_right = y[ir] * right[b][1 - cc] - y[i] * right[b][cc];
-            const N swap_left = y[il] * left[1 - a][b] - y[i] * left[a][b];
+            const N swap_right = x[ir] * rates.right[b][1 - cc] - x[i] * rates.right[b][cc];
+            const N swap_left = x[il] * rates.left[1 - a][b] - x[i] * rates.left[a][b];
             result.derivative[i] =
                 swap_left + (flux_T[it] - flux_T[i]) + swap_right + (flux_C[ic] - flux_C[i]);
             if (b == 1) {
-              permissive = permissive + y[i];
+              permissive = permissive + x[i];
               flux_PN = flux_PN + flux_T[i];
             } else {
               flux_NP = flux_NP + flux_T[i];
@@ -249,6 +272,52 @@ struct Rdq20 {
     result.k_PN = guarded_ratio(flux_PN, permissive);
     result.k_NP = guarded_ratio(flux_NP, N(1.0 - permissive));
     return result;
+  }
+
+  template <class N, class Pn>
+  static Regulation<N> regulation(const N* y, const N& calcium, const N& sarcomere_length,
+                                  const Constants<Pn>& c) {
+    return flow(y, frozen_rates(y, calcium, sarcomere_length, c), c);
+  }
+
+  // Advances the moments y[16..19] exactly over dt for frozen regulation and shortening velocity
+  // v = -(dSL/dt)/SL0. With r = r0 + alpha |v| and A = -r I + B, B = [[-k_PN, k_NP], [k_PN, -k_NP]],
+  // B^2 = -k B, k = k_PN + k_NP:
+  //   exp(A t) = e^{-rt} (I + B (1 - e^{-kt})/k),   A^{-1} = -(I + B/(r + k))/r.
+  template <class N, class Pn>
+  static void step_crossbridges(double dt, N* y, const Regulation<N>& ru, const N& v,
+                                const Constants<Pn>& c) {
+    const auto& p = c.p;
+    const N r = p[r0] + p[alpha] * abs(v);
+    const N k = ru.k_PN + ru.k_NP;
+    const N decay = exp(N(-r * dt));
+    const N exchange = dt * expm1_over_x(N(-k * dt));  // (1 - e^{-k dt})/k
+    struct Pair {
+      N P, N_;
+    };
+    const auto B = [&](const Pair& x) {
+      const N flow = ru.k_PN * x.P - ru.k_NP * x.N_;
+      return Pair{N(-flow), flow};
+    };
+    const N inverse_r = 1.0 / r, inverse_rk = 1.0 / (r + k);
+    const auto minus_inverse = [&](const Pair& x) {
+      const Pair b = B(x);
+      return Pair{N((x.P + b.P * inverse_rk) * inverse_r), N((x.N_ + b.N_ * inverse_rk) * inverse_r)};
+    };
+    const auto propagate = [&](const Pair& x) {
+      const Pair b = B(x);
+      return Pair{N(decay * (x.P + exchange * b.P)), N(decay * (x.N_ + exchange * b.N_))};
+    };
+    const Pair m0{y[mu0_P], y[mu0_N]};
+    const Pair m1{y[mu1_P], y[mu1_N]};
+    const Pair m0_inf = minus_inverse({N(p[mu0_fP] * ru.permissivity), N(0.0)});
+    const Pair m1_inf = minus_inverse({N(p[mu1_fP] * ru.permissivity - v * m0_inf.P), N(-v * m0_inf.N_)});
+    const Pair d0 = propagate({N(m0.P - m0_inf.P), N(m0.N_ - m0_inf.N_)});
+    const Pair d1 = propagate({N(m1.P - m1_inf.P), N(m1.N_ - m1_inf.N_)});
+    y[mu0_P] = m0_inf.P + d0.P;
+    y[mu0_N] = m0_inf.N_ + d0.N_;
+    y[mu1_P] = m1_inf.P + d1.P - v * dt * d0.P;
+    y[mu1_N] = m1_inf.N_ + d1.N_ - v * dt * d0.N_;
   }
 
   template <class N, class Pn>

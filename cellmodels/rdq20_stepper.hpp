@@ -30,43 +30,10 @@ class Rdq20Stepper {
     return Rdq20::regulation(y, calcium_uM, sarcomere_length_um, constants_);
   }
 
-  // Advances the moments y[16..19] exactly over dt for frozen rates and shortening velocity v =
-  // -(dSL/dt)/SL0. With r = r0 + alpha |v| and A = -r I + B, B = [[-k_PN, k_NP], [k_PN, -k_NP]], B^2 = -k B,
-  // k = k_PN + k_NP:
-  //   exp(A t) = e^{-rt} (I + B (1 - e^{-kt})/k),   A^{-1} = -(I + B/(r + k))/r.
+  // Advances the moments y[16..19] exactly over dt (s) for frozen rates, shortening velocity -(dSL/dt)/SL0.
   void step_crossbridges(double* y, const Rdq20::Regulation<double>& ru, double shortening_velocity,
                          double dt) const {
-    const auto& p = constants_.p;
-    const double v = shortening_velocity;
-    const double r = p[Rdq20::r0] + p[Rdq20::alpha] * std::abs(v);
-    const double k = ru.k_PN + ru.k_NP;
-    const double decay = std::exp(-r * dt);
-    const double exchange = dt * expm1_over_x(-k * dt);  // (1 - e^{-k dt})/k
-    struct Pair {
-      double P, N;
-    };
-    const auto B = [&](Pair x) {
-      const double flow = ru.k_PN * x.P - ru.k_NP * x.N;
-      return Pair{-flow, flow};
-    };
-    const auto minus_inverse = [&](Pair x) {
-      const Pair b = B(x);
-      return Pair{(x.P + b.P / (r + k)) / r, (x.N + b.N / (r + k)) / r};
-    };
-    const auto propagate = [&](Pair x) {
-      const Pair b = B(x);
-      return Pair{decay * (x.P + exchange * b.P), decay * (x.N + exchange * b.N)};
-    };
-    const Pair m0{y[Rdq20::mu0_P], y[Rdq20::mu0_N]};
-    const Pair m1{y[Rdq20::mu1_P], y[Rdq20::mu1_N]};
-    const Pair m0_inf = minus_inverse({p[Rdq20::mu0_fP] * ru.permissivity, 0});
-    const Pair m1_inf = minus_inverse({p[Rdq20::mu1_fP] * ru.permissivity - v * m0_inf.P, -v * m0_inf.N});
-    const Pair d0 = propagate({m0.P - m0_inf.P, m0.N - m0_inf.N});
-    const Pair d1 = propagate({m1.P - m1_inf.P, m1.N - m1_inf.N});
-    y[Rdq20::mu0_P] = m0_inf.P + d0.P;
-    y[Rdq20::mu0_N] = m0_inf.N + d0.N;
-    y[Rdq20::mu1_P] = m1_inf.P + d1.P - v * dt * d0.P;
-    y[Rdq20::mu1_N] = m1_inf.N + d1.N - v * dt * d0.N;
+    Rdq20::step_crossbridges(dt, y, ru, shortening_velocity, constants_);
   }
 
   // Active tension and stiffness (kPa) of a state at a sarcomere length.

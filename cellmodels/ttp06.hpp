@@ -79,6 +79,10 @@ struct Ttp06 {
   static constexpr std::array<bool, states.size()> is_gate = {false, true,  true,  true,  true, true, true,
                                                               true,  true,  true,  true,  true, true, false,
                                                               false, false, false, false, false};
+  // Gates whose steady value and time constant are functions of V alone.
+  static constexpr std::array<bool, states.size()> is_voltage_gate = {
+      false, true, true, true,  true,  true,  true,  true,  true, true,
+      false, true, true, false, false, false, false, false, false};
   static constexpr int membrane_potential = V;
   static constexpr int cytosolic_calcium = Ca_i;
   static constexpr int balancing_ion = K_i;
@@ -234,7 +238,11 @@ struct Ttp06 {
   template <class P>
   struct Constants {
     P p[parameters.size()];
-    P RTF, FRT, charge_to_concentration, K_o_root, pump, exchanger, Na_o_cubed, Ks_outside;
+    P RTF, half_RTF, FRT, charge_to_concentration, calcium_charge, subspace_charge, pump, exchanger,
+        Na_o_cubed;
+    P E_Na_outside, E_K_outside, E_Ca_outside, E_Ks_outside;  // reversal potentials at 1 mM inside
+    P K1_scale, Kr_scale, CaL_scale, EC_square, K_up_square, buffer_c, buffer_sr, buffer_ss;
+    P sr_per_c, sr_per_ss, c_per_ss;  // ratios of volumes
   };
   template <class P>
   static Constants<P> constants(const P* parameter) {
@@ -243,62 +251,58 @@ struct Ttp06 {
     c.RTF = c.p[R] * c.p[T] / c.p[F];
     c.FRT = 1.0 / c.RTF;
     c.charge_to_concentration = c.p[Cm] / (c.p[V_c] * c.p[F]);
-    c.K_o_root = sqrt(c.p[K_o] / 5.4);
+    c.half_RTF = 0.5 * c.RTF;
+    c.calcium_charge = 0.5 * c.charge_to_concentration;
+    c.subspace_charge = 0.5 * c.p[Cm] / (c.p[V_ss] * c.p[F]);
+    const P K_o_root = sqrt(c.p[K_o] / 5.4);
+    c.K1_scale = c.p[g_K1] * K_o_root;
+    c.Kr_scale = c.p[g_Kr] * K_o_root;
+    c.CaL_scale = c.p[g_CaL] * (2.0 * c.p[F]);
+    c.EC_square = square(c.p[EC]);
+    c.K_up_square = square(c.p[K_up]);
+    c.buffer_c = c.p[Buf_c] * c.p[K_buf_c];
+    c.buffer_sr = c.p[Buf_sr] * c.p[K_buf_sr];
+    c.buffer_ss = c.p[Buf_ss] * c.p[K_buf_ss];
+    c.sr_per_c = c.p[V_sr] / c.p[V_c];
+    c.sr_per_ss = c.p[V_sr] / c.p[V_ss];
+    c.c_per_ss = c.p[V_c] / c.p[V_ss];
     c.pump = c.p[P_NaK] * c.p[K_o] / (c.p[K_o] + c.p[K_mK]);
     c.Na_o_cubed = cube(c.p[Na_o]);
     c.exchanger = c.p[k_NaCa] / ((cube(c.p[K_mNai]) + c.Na_o_cubed) * (c.p[K_mCa] + c.p[Ca_o]));
-    c.Ks_outside = c.p[K_o] + c.p[p_KNa] * c.p[Na_o];
+    c.E_Na_outside = c.RTF * log(c.p[Na_o]);
+    c.E_K_outside = c.RTF * log(c.p[K_o]);
+    c.E_Ca_outside = c.half_RTF * log(c.p[Ca_o]);
+    c.E_Ks_outside = c.RTF * log(P(c.p[K_o] + c.p[p_KNa] * c.p[Na_o]));
     return c;
   }
 
+  // Functions of V alone, in three parts so that tables can stand in for the first two: gates, factors of
+  // currents, and what needs the other states.
   template <class N, class P>
-  static Evaluation<N, states.size(), observables.size()> evaluate(const N* y, const N* in,
-                                                                   const Constants<P>& c) {
-    Evaluation<N, states.size(), observables.size()> e;
+  static void voltage_gates(const N& Vm, const Constants<P>& c,
+                            Evaluation<N, states.size(), observables.size()>& e) {
     const auto& p = c.p;
-    const N Vm = y[V];
     const auto gate = [&e](int index, const N& steady, const N& tau) {
       e.steady[index] = steady;
       e.tau[index] = tau;
     };
-
-    const N E_Na = c.RTF * log(N(p[Na_o] / y[Na_i]));
-    const N E_K = c.RTF * log(N(p[K_o] / y[K_i]));
-    const N E_Ca = 0.5 * c.RTF * log(N(p[Ca_o] / y[Ca_i]));
-    const N E_Ks = c.RTF * log(N(c.Ks_outside / (y[K_i] + p[p_KNa] * y[Na_i])));
-
-    const N iNa = p[g_Na] * cube(y[m]) * y[h] * y[j] * (Vm - E_Na);
-    const N K1_a = 0.1 / (1.0 + exp(N(0.06 * (Vm - E_K - 200.0))));
-    const N K1_b = (3.0 * exp(N(0.0002 * (Vm - E_K + 100.0))) + exp(N(0.1 * (Vm - E_K - 10.0)))) /
-                   (1.0 + exp(N(-0.5 * (Vm - E_K))));
-    const N iK1 = p[g_K1] * c.K_o_root * (K1_a / (K1_a + K1_b)) * (Vm - E_K);
-    const N ito = p[g_to] * y[r] * y[s] * (Vm - E_K);
-    const N iKr = p[g_Kr] * c.K_o_root * y[Xr1] * y[Xr2] * (Vm - E_K);
-    const N iKs = p[g_Ks] * square(y[Xs]) * (Vm - E_Ks);
-    const N z = 2.0 * (Vm - 15.0) * c.FRT;
-    const N iCaL = p[g_CaL] * y[d] * y[f] * y[f2] * y[fCass] * (2.0 * p[F]) *
-                   (0.25 * y[Ca_ss] * exp(z) - p[Ca_o]) * x_over_expm1(z);
-    const N iNaK = c.pump * y[Na_i] / (y[Na_i] + p[K_mNa]) /
-                   (1.0 + 0.1245 * exp(N(-0.1 * Vm * c.FRT)) + 0.0353 * exp(N(-Vm * c.FRT)));
-    const N barrier_in = exp(N((p[gamma] - 1.0) * Vm * c.FRT));
-    const N iNaCa = c.exchanger *
-                    (exp(N(p[gamma] * Vm * c.FRT)) * cube(y[Na_i]) * p[Ca_o] -
-                     barrier_in * c.Na_o_cubed * y[Ca_i] * p[alpha]) /
-                    (1.0 + p[k_sat] * barrier_in);
-    const N ipCa = p[g_pCa] * y[Ca_i] / (p[K_pCa] + y[Ca_i]);
-    const N ipK = p[g_pK] * (Vm - E_K) * logistic(N((Vm - 25.0) / 5.98));
-    const N ibNa = p[g_bNa] * (Vm - E_Na);
-    const N ibCa = p[g_bCa] * (Vm - E_Ca);
+    // Curves that share a slope share their exponential: with e = exp(V/k),
+    //   opens(e, V0/k) = logistic((V - V0)/k),   closes(e, V0/k) = logistic(-(V - V0)/k).
+    const N e20 = exp(N(Vm / 20.0)), e10 = square(e20), e5 = square(e10);
+    const N e14 = exp(N(Vm / 14.0)), e7 = square(e14);
+    const N e15 = exp(N(Vm / 15.0)), e7_5 = square(e15);
+    const N e6 = exp(N(Vm / 6.0));
+    const auto opens = [](const N& e, double at) { return N(e / (e + std::exp(at))); };
+    const auto closes = [](const N& e, double at) { return N(std::exp(at) / (e + std::exp(at))); };
 
     gate(m, square(logistic(N((Vm + 56.86) / 9.03))),
-         logistic(N((Vm + 60.0) / 5.0)) *
-             (0.1 / (1.0 + exp(N((Vm + 35.0) / 5.0))) + 0.1 / (1.0 + exp(N((Vm - 50.0) / 200.0)))));
+         opens(e5, -60.0 / 5.0) * (0.1 * closes(e5, -35.0 / 5.0) + 0.1 * logistic(N((Vm - 50.0) / -200.0))));
     const N hj_steady = square(logistic(N((Vm + 71.55) / -7.43)));
     const auto lower_branch = Vm < -40.0;
     const N zero(0.0);
     const N h_a = select(lower_branch, N(0.057 * exp(N((Vm + 80.0) / -6.8))), zero);
     const N h_b = select(lower_branch, N(2.7 * exp(N(0.079 * Vm)) + 3.1e5 * exp(N(0.3485 * Vm))),
-                         N(0.77 / (0.13 * (1.0 + exp(N((Vm + 10.66) / -11.1))))));
+                         N((0.77 / 0.13) * logistic(N((Vm + 10.66) / 11.1))));
     gate(h, hj_steady, 1.0 / (h_a + h_b));
     const N j_a = select(lower_branch,
                          N((-25428.0 * exp(N(0.2444 * Vm)) - 6.948e-6 * exp(N(-0.04391 * Vm))) *
@@ -306,63 +310,129 @@ struct Ttp06 {
                          zero);
     const N j_b =
         select(lower_branch, N(0.02424 * exp(N(-0.01052 * Vm)) / (1.0 + exp(N(-0.1378 * (Vm + 40.14))))),
-               N(0.6 * exp(N(0.057 * Vm)) / (1.0 + exp(N(-0.1 * (Vm + 32.0))))));
+               N(0.6 * exp(N(0.057 * Vm)) * opens(e10, -32.0 / 10.0)));
     gate(j, hj_steady, 1.0 / (j_a + j_b));
-    gate(Xr1, logistic(N((Vm + 26.0) / 7.0)),
-         450.0 * logistic(N((Vm + 45.0) / 10.0)) * 6.0 / (1.0 + exp(N((Vm + 30.0) / 11.5))));
+    gate(Xr1, opens(e7, -26.0 / 7.0),
+         450.0 * opens(e10, -45.0 / 10.0) * 6.0 / (1.0 + exp(N((Vm + 30.0) / 11.5))));
     gate(Xr2, logistic(N((Vm + 88.0) / -24.0)),
-         3.0 * logistic(N((Vm + 60.0) / 20.0)) * 1.12 / (1.0 + exp(N((Vm - 60.0) / 20.0))));
-    gate(Xs, logistic(N((Vm + 5.0) / 14.0)),
-         1400.0 / sqrt(N(1.0 + exp(N((5.0 - Vm) / 6.0)))) / (1.0 + exp(N((Vm - 35.0) / 15.0))) + 80.0);
-    gate(d, logistic(N((Vm + 8.0) / 7.5)),
-         (1.4 * logistic(N((Vm + 35.0) / 13.0)) + 0.25) * 1.4 / (1.0 + exp(N((Vm + 5.0) / 5.0))) +
-             logistic(N((Vm - 50.0) / 20.0)));
-    const N slow_negative = 1.0 / (1.0 + exp(N((Vm + 30.0) / 10.0)));
-    gate(f, logistic(N((Vm + 20.0) / -7.0)),
-         1102.5 * exp(N(-square(N(Vm + 27.0)) / 225.0)) + 200.0 * logistic(N((Vm - 13.0) / 10.0)) +
+         3.0 * opens(e20, -60.0 / 20.0) * 1.12 * closes(e20, 60.0 / 20.0));
+    gate(Xs, opens(e14, -5.0 / 14.0), 1400.0 * sqrt(opens(e6, 5.0 / 6.0)) * closes(e15, 35.0 / 15.0) + 80.0);
+    gate(d, opens(e7_5, -8.0 / 7.5),
+         (1.4 * logistic(N((Vm + 35.0) / 13.0)) + 0.25) * 1.4 * closes(e5, -5.0 / 5.0) +
+             opens(e20, 50.0 / 20.0));
+    const N slow_negative = closes(e10, -30.0 / 10.0);
+    gate(f, closes(e7, -20.0 / 7.0),
+         1102.5 * exp(N(-square(N(Vm + 27.0)) / 225.0)) + 200.0 * opens(e10, 13.0 / 10.0) +
              180.0 * slow_negative + 20.0);
-    gate(f2, 0.67 * logistic(N((Vm + 35.0) / -7.0)) + 0.33,
+    gate(f2, 0.67 * closes(e7, -35.0 / 7.0) + 0.33,
          p[f2_amplitude] * exp(N(-square(N(Vm + p[f2_centre])) / p[f2_width])) +
-             31.0 * logistic(N((Vm - 25.0) / 10.0)) + p[f2_slow] * slow_negative);
+             31.0 * opens(e10, 25.0 / 10.0) + p[f2_slow] * slow_negative);
+    if constexpr (endo) {
+      gate(s, closes(e5, -28.0 / 5.0), 1000.0 * exp(N(-square(N(Vm + 67.0)) / 1000.0)) + 8.0);
+    } else {
+      gate(s, closes(e5, -20.0 / 5.0),
+           85.0 * exp(N(-square(N(Vm + 45.0)) / 320.0)) + 5.0 * closes(e5, 20.0 / 5.0) + 3.0);
+    }
+    gate(r, opens(e6, 20.0 / 6.0), 9.5 * exp(N(-square(N(Vm + 40.0)) / 1800.0)) + 0.8);
+  }
+
+  enum VoltageFactor { CaL_inside, CaL_outside, NaK_factor, NaCa_forward, NaCa_reverse, pK_opening };
+  static constexpr std::size_t n_voltage_factors = 6;
+  template <class N, class P>
+  static std::array<N, n_voltage_factors> voltage_factors(const N& Vm, const Constants<P>& c) {
+    const auto& p = c.p;
+    const N z = 2.0 * (Vm - 15.0) * c.FRT;
+    const N CaL_out = x_over_expm1(z);
+    const N barrier = exp(N((p[gamma] - 1.0) * Vm * c.FRT));
+    const N exchange = 1.0 / (1.0 + p[k_sat] * barrier);
+    return {N(CaL_out + z),  // z exp(z) / (exp(z) - 1)
+            CaL_out,
+            N(1.0 / (1.0 + 0.1245 * exp(N(-0.1 * Vm * c.FRT)) + 0.0353 * exp(N(-Vm * c.FRT)))),
+            N(exp(N(p[gamma] * Vm * c.FRT)) * exchange),
+            N(barrier * exchange),
+            N(logistic(N((Vm - 25.0) / 5.98)))};
+  }
+
+  // Currents, the other gates and the balances.
+  template <class N, class P>
+  static void balances(const N* y, const N* in, const std::array<N, n_voltage_factors>& factor,
+                       const Constants<P>& c, Evaluation<N, states.size(), observables.size()>& e) {
+    const auto& p = c.p;
+    const N Vm = y[V];
+    const auto gate = [&e](int index, const N& steady, const N& tau) {
+      e.steady[index] = steady;
+      e.tau[index] = tau;
+    };
+
+    const N E_Na = c.E_Na_outside - c.RTF * log(y[Na_i]);
+    const N E_K = c.E_K_outside - c.RTF * log(y[K_i]);
+    const N E_Ca = c.E_Ca_outside - c.half_RTF * log(y[Ca_i]);
+    const N E_Ks = c.E_Ks_outside - c.RTF * log(N(y[K_i] + p[p_KNa] * y[Na_i]));
+
+    const N iNa = p[g_Na] * cube(y[m]) * y[h] * y[j] * (Vm - E_Na);
+    // Steady rectification a/(a + b), with a = 0.1/(1 + exp(0.06(x - 200))) and b = (3 exp(0.0002(x + 100)) +
+    // exp(0.1(x - 10)))/(1 + exp(-x/2)), x = V - E_K, brought to one fraction and multiplied by exp(-x/10).
+    const N x_K = Vm - E_K;
+    const N K1_e = exp(N(-0.1 * x_K));
+    const N K1_a = 0.1 * K1_e * (1.0 + square(square(K1_e)) * K1_e);
+    const N K1_b =
+        (3.0 * K1_e * exp(N(0.0002 * x_K + 0.02)) + std::exp(-1.0)) * (1.0 + exp(N(0.06 * x_K - 12.0)));
+    const N iK1 = c.K1_scale * (K1_a / (K1_a + K1_b)) * x_K;
+    const N ito = p[g_to] * y[r] * y[s] * (Vm - E_K);
+    const N iKr = c.Kr_scale * y[Xr1] * y[Xr2] * (Vm - E_K);
+    const N iKs = p[g_Ks] * square(y[Xs]) * (Vm - E_Ks);
+    const N iCaL = c.CaL_scale * y[d] * y[f] * y[f2] * y[fCass] *
+                   (0.25 * y[Ca_ss] * factor[CaL_inside] - p[Ca_o] * factor[CaL_outside]);
+    const N iNaK = c.pump * y[Na_i] / (y[Na_i] + p[K_mNa]) * factor[NaK_factor];
+    const N iNaCa = c.exchanger * (factor[NaCa_forward] * cube(y[Na_i]) * p[Ca_o] -
+                                   factor[NaCa_reverse] * c.Na_o_cubed * y[Ca_i] * p[alpha]);
+    const N ipCa = p[g_pCa] * y[Ca_i] / (p[K_pCa] + y[Ca_i]);
+    const N ipK = p[g_pK] * (Vm - E_K) * factor[pK_opening];
+    const N ibNa = p[g_bNa] * (Vm - E_Na);
+    const N ibCa = p[g_bCa] * (Vm - E_Ca);
+
     const N ss_saturation = 1.0 / (1.0 + square(N(y[Ca_ss] * 20.0)));
     gate(fCass, 0.6 * ss_saturation + 0.4, 80.0 * ss_saturation + 2.0);
-    if constexpr (endo) {
-      gate(s, logistic(N((Vm + 28.0) / -5.0)), 1000.0 * exp(N(-square(N(Vm + 67.0)) / 1000.0)) + 8.0);
-    } else {
-      gate(s, logistic(N((Vm + 20.0) / -5.0)),
-           85.0 * exp(N(-square(N(Vm + 45.0)) / 320.0)) + 5.0 * logistic(N((Vm - 20.0) / -5.0)) + 3.0);
-    }
-    gate(r, logistic(N((Vm - 20.0) / 6.0)), 9.5 * exp(N(-square(N(Vm + 40.0)) / 1800.0)) + 0.8);
 
     // Calcium handling.
-    const N kcasr = p[max_sr] - (p[max_sr] - p[min_sr]) / (1.0 + square(N(p[EC] / y[Ca_SR])));
+    const N SR_square = square(y[Ca_SR]);
+    const N kcasr = p[max_sr] - (p[max_sr] - p[min_sr]) * SR_square / (SR_square + c.EC_square);
     const N k1 = p[k1_prime] / kcasr;
     const N k2 = p[k2_prime] * kcasr;
     const N opening = k1 * square(y[Ca_ss]);
     const N O = opening * y[R_prime] / (p[k3] + opening);
     const N i_rel = p[V_rel] * O * (y[Ca_SR] - y[Ca_ss]);
     const N i_leak = p[V_leak] * (y[Ca_SR] - y[Ca_i]);
-    const N i_up = p[V_max_up] / (1.0 + square(N(p[K_up] / y[Ca_i])));
+    const N i_up = p[V_max_up] * square(y[Ca_i]) / (square(y[Ca_i]) + c.K_up_square);
     const N i_xfer = p[V_xfer] * (y[Ca_ss] - y[Ca_i]);
-    const auto free_share = [](const N& calcium, const P& buffer, const P& half) {
-      return N(1.0 / (1.0 + buffer * half / square(N(calcium + half))));
+    // d(free)/d(total) of a buffered calcium, 1/(1 + B K/(Ca + K)^2).
+    const auto free_share = [](const N& calcium, const P& half, const P& product) {
+      const N q = square(N(calcium + half));
+      return N(q / (q + product));
     };
     e.derivative[V] =
         -(iNa + iK1 + ito + iKr + iKs + iCaL + iNaK + iNaCa + ipCa + ipK + ibNa + ibCa + in[i_stim]);
     e.derivative[R_prime] = -k2 * y[Ca_ss] * y[R_prime] + p[k4] * (1.0 - y[R_prime]);
-    e.derivative[Ca_i] = free_share(y[Ca_i], p[Buf_c], p[K_buf_c]) *
-                         ((i_leak - i_up) * (p[V_sr] / p[V_c]) + i_xfer -
-                          0.5 * c.charge_to_concentration * (ibCa + ipCa - 2.0 * iNaCa));
-    e.derivative[Ca_SR] = free_share(y[Ca_SR], p[Buf_sr], p[K_buf_sr]) * (i_up - i_rel - i_leak);
-    e.derivative[Ca_ss] =
-        free_share(y[Ca_ss], p[Buf_ss], p[K_buf_ss]) *
-        (-0.5 * p[Cm] / (p[V_ss] * p[F]) * iCaL + i_rel * (p[V_sr] / p[V_ss]) - i_xfer * (p[V_c] / p[V_ss]));
+    e.derivative[Ca_i] =
+        free_share(y[Ca_i], p[K_buf_c], c.buffer_c) *
+        ((i_leak - i_up) * c.sr_per_c + i_xfer - c.calcium_charge * (ibCa + ipCa - 2.0 * iNaCa));
+    e.derivative[Ca_SR] = free_share(y[Ca_SR], p[K_buf_sr], c.buffer_sr) * (i_up - i_rel - i_leak);
+    e.derivative[Ca_ss] = free_share(y[Ca_ss], p[K_buf_ss], c.buffer_ss) *
+                          (i_rel * c.sr_per_ss - i_xfer * c.c_per_ss - c.subspace_charge * iCaL);
     e.derivative[Na_i] = -c.charge_to_concentration * (iNa + ibNa + 3.0 * iNaK + 3.0 * iNaCa);
     e.derivative[K_i] = -c.charge_to_concentration *
                         (iK1 + ito + iKr + iKs + ipK - 2.0 * iNaK + p[stimulus_K_fraction] * in[i_stim]);
 
     e.observable = {iNa,  iK1, ito,  iKr,  iKs,   iCaL, iNaK,   iNaCa,
                     ipCa, ipK, ibCa, ibNa, i_rel, i_up, i_leak, i_xfer};
+  }
+
+  template <class N, class P>
+  static Evaluation<N, states.size(), observables.size()> evaluate(const N* y, const N* in,
+                                                                   const Constants<P>& c) {
+    Evaluation<N, states.size(), observables.size()> e;
+    voltage_gates(y[V], c, e);
+    balances(y, in, voltage_factors(y[V], c), c, e);
     return e;
   }
 

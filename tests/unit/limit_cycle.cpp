@@ -16,7 +16,8 @@ double error_of(const std::vector<double>& x) {
 }
 }  // namespace
 
-TEST_CASE("Anderson finds a slow fixed point in a fraction of plain pacing's beats - the distance is honest") {
+TEST_CASE(
+    "Anderson finds a slow fixed point in a fraction of plain pacing's beats - the distance is honest") {
   int beats[2];
   for (LimitCycleMethod method : {LimitCycleMethod::anderson, LimitCycleMethod::pacing}) {
     LimitCycleSettings settings;

@@ -12,6 +12,12 @@
 
 using namespace wiggers;
 
+namespace {
+// What this file is compiled for; the kernels' own widths are tested in models/population.cpp.
+using Batch = Vec<double, 4, isa::Baseline>;
+constexpr int batch_lanes = Batch::lanes;
+}  // namespace
+
 TEST_CASE("x/(exp(x)-1) is exact at and around its removable singularity") {
   CHECK(x_over_expm1(0.0) == 1.0);
   for (double scale : {1e-300, 1e-12, 1e-9, 9.9e-6, 1.01e-5, 1e-3, 0.1, 1.0, 30.0, 600.0})
@@ -70,7 +76,7 @@ void compare_lanes() {
         if (trial == 0 && q.unit == "mV") value = lane == 0 ? -47.13 : 15.0;  // removable singularities
         states[lane][i] = values[lane] = value;
       }
-      lanes[i] = Batch::load_aligned(values);
+      lanes[i] = Batch::load(values);
     }
     std::array<double, Model::inputs.size()> in{};
     std::array<Batch, Model::inputs.size()> in_lanes;
@@ -93,7 +99,7 @@ void compare_lanes() {
       for (std::size_t i = 0; i < n; ++i) {
         INFO(Model::name << " state " << Model::states[i].name << " trial " << trial);
         alignas(64) double values[batch_lanes];
-        lane_rates[i].store_aligned(values);
+        lane_rates[i].store(values);
         CHECK(values[lane] == Approx(rates[i]).epsilon(1e-12).margin(1e-12));
         CHECK(dual_rates[i].value == Approx(rates[i]).epsilon(1e-12).margin(1e-12));
       }
@@ -101,6 +107,69 @@ void compare_lanes() {
   }
 }
 }  // namespace
+
+namespace {
+template <class V>
+void check_vector_functions(double exp_bar, double log_bar, double range) {
+  using Real = typename V::Scalar;
+  std::mt19937_64 random(3);
+  std::uniform_real_distribution<double> argument(-range, range);
+  double exp_error = 0, log_error = 0, divide_error = 0;
+  for (int k = 0; k < 200000; ++k) {
+    Real x[V::lanes], result[V::lanes];
+    for (Real& entry : x) entry = static_cast<Real>(argument(random));
+    exp(V::load(x)).store(result);
+    for (int lane = 0; lane < V::lanes; ++lane) {
+      const long double exact = std::exp(static_cast<long double>(x[lane]));
+      exp_error = std::max(exp_error, static_cast<double>(std::abs((result[lane] - exact) / exact)));
+      x[lane] = static_cast<Real>(exact);
+    }
+    log(V::load(x)).store(result);
+    for (int lane = 0; lane < V::lanes; ++lane) {
+      const long double exact = std::log(static_cast<long double>(x[lane]));
+      if (exact != 0)
+        log_error = std::max(log_error, static_cast<double>(std::abs((result[lane] - exact) / exact)));
+    }
+    (V(1.0) / V::load(x)).store(result);
+    for (int lane = 0; lane < V::lanes; ++lane)
+      divide_error = std::max(
+          divide_error, static_cast<double>(std::abs(result[lane] * static_cast<long double>(x[lane]) - 1)));
+  }
+  CHECK(exp_error < exp_bar);
+  CHECK(log_error < log_bar);
+  CHECK(divide_error < exp_bar);
+  const Real nan = log(V(-1.0))[0];
+  CHECK(nan != nan);
+  CHECK(log(V(1.0))[0] == 0);
+  CHECK(exp(V(0.0))[0] == 1);
+  CHECK(std::isfinite(exp(V(1e6))[0]));
+  CHECK(exp(V(-1e6))[0] >= 0);
+  CHECK(exp(V(-1e6))[0] < 1e-30);
+  CHECK(pow(V(2.0), 1.5)[0] == Approx(std::pow(2.0, 1.5)).epsilon(4 * exp_bar));
+  CHECK(sqrt(V(2.0))[0] == static_cast<Real>(std::sqrt(2.0)));
+  CHECK(abs(V(-2.5))[0] == Real(2.5));
+}
+}  // namespace
+
+TEST_CASE("vector functions keep their stated accuracy") {
+  check_vector_functions<Vec<double, 2, isa::Baseline>>(2.5e-16, 3e-16, 700);
+  check_vector_functions<Vec<double, 8, isa::Baseline>>(2.5e-16, 3e-16, 50);
+  check_vector_functions<Vec<float, 4, isa::Baseline>>(1.5e-7, 1.5e-7, 80);
+  check_vector_functions<Vec<float, 16, isa::Baseline>>(1.5e-7, 1.5e-7, 20);
+}
+
+TEST_CASE("transposing vectors turns rows into columns") {
+  using V = Vec<float, 8, isa::Baseline>;
+  V rows[8];
+  for (int i = 0; i < 8; ++i) {
+    float values[8];
+    for (int j = 0; j < 8; ++j) values[j] = static_cast<float>(10 * i + j);
+    rows[i] = V::load(values);
+  }
+  transpose(rows);
+  for (int i = 0; i < 8; ++i)
+    for (int j = 0; j < 8; ++j) CHECK(rows[i][j] == static_cast<float>(10 * j + i));
+}
 
 TEST_CASE("SIMD lanes, scalar and dual evaluation of the models agree") {
   compare_lanes<Crn>();
