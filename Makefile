@@ -12,7 +12,7 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := help
 
 PACKAGES := g++ cmake ninja-build git ca-certificates python3-venv \
-  libeigen3-dev libsundials-dev libhdf5-dev libfmt-dev libxsimd-dev libtoml11-dev libcli11-dev \
+  libeigen3-dev libsundials-dev libhdf5-dev libfmt-dev libboost-dev libtoml11-dev libcli11-dev \
   nlohmann-json3-dev catch2 libbenchmark-dev
 NIGHTLY_PACKAGES := clang-format
 BUILD := build

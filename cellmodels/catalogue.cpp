@@ -1,12 +1,15 @@
+#include <algorithm>
 #include <cstring>
 #include <string>
 #include <type_traits>
+#include <wiggers/cellmodels/adaptive_integrators.hpp>
 #include <wiggers/cellmodels/catalogue.hpp>
 #include <wiggers/cellmodels/crn.hpp>
+#include <wiggers/cellmodels/jacobian.hpp>
 #include <wiggers/cellmodels/rdq20.hpp>
+#include <wiggers/cellmodels/rosenbrock.hpp>
 #include <wiggers/cellmodels/ttp06.hpp>
 #include <wiggers/cellmodels/voltage_table.hpp>
-#include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/fixed_step.hpp>
 
@@ -14,9 +17,41 @@ namespace wiggers {
 
 namespace {
 
-constexpr std::array<std::string_view, 4> integrator_names = {
-    ForwardEuler<Crn, double>::name, RushLarsen1<Crn, double>::name, RushLarsen2<Crn, double>::name,
-    Bdf2Imex<Crn, double>::name};
+constexpr std::array<std::string_view, 6> fixed_names = {ForwardEuler<Crn, double>::name,
+                                                         RushLarsen1<Crn, double>::name,
+                                                         RushLarsen2<Crn, double>::name,
+                                                         GeneralisedRushLarsen1<Crn, double>::name,
+                                                         GeneralisedRushLarsen2<Crn, double>::name,
+                                                         Bdf2Imex<Crn, double>::name};
+constexpr std::array<std::string_view, 4> adaptive_names = {"cvode", Rosenbrock4<Crn>::name, "odeint-dopri5",
+                                                            "odeint-rosenbrock4"};
+
+template <class Model>
+class EquationsOf final : public CellEquations {
+ public:
+  explicit EquationsOf(const std::vector<double>& parameters)
+      : constants_(Model::constants(parameters.data())) {}
+  void evaluate(const double* y, const double* in, double* rates, double* out) const override {
+    const auto e = Model::template evaluate<double>(y, in, constants_);
+    rates_from<Model, double>(e, y, rates);
+    if (out)
+      for (std::size_t i = 0; i < e.observable.size(); ++i) out[i] = e.observable[i];
+  }
+  void jacobian(const double* y, const double* in, double* result) const override {
+    constexpr std::size_t n = Model::states.size();
+    std::array<std::array<double, n>, n> rows;
+    std::array<double, n> rates;
+    rates_and_jacobian<Model>(y, in, constants_, rates.data(), rows.data());
+    for (std::size_t column = 0; column < n; ++column)
+      for (std::size_t row = 0; row < n; ++row) result[row + n * column] = rows[row][column];
+  }
+  void choose_side(bool below) override {
+    if constexpr (requires { constants_.rate_branch; }) constants_.rate_branch = below ? 1e9 : -1e9;
+  }
+
+ private:
+  typename Model::template Constants<double> constants_;
+};
 
 template <class Model, template <class, class> class Integrator>
 class StepperOf final : public CellStepper {
@@ -56,40 +91,35 @@ class CellModelOf final : public CellModel {
       membrane_potential = Model::membrane_potential;
       cytosolic_calcium = Model::cytosolic_calcium;
       default_stimulus = Model::default_stimulus;
+      branch_potential = Model::branch_potential;
       invariant_meaning = Model::invariant_meaning;
     }
   }
 
   void evaluate(const double* y, const double* in, const double* p, double* rates,
                 double* out) const override {
-    const auto e = Model::template evaluate<double>(y, in, Model::constants(p));
-    rates_from<Model, double>(e, y, rates);
-    if (out)
-      for (std::size_t i = 0; i < e.observable.size(); ++i) out[i] = e.observable[i];
+    EquationsOf<Model>({p, p + Model::parameters.size()}).evaluate(y, in, rates, out);
   }
-
   void jacobian(const double* y, const double* in, const double* p, double* result) const override {
-    constexpr int n = static_cast<int>(Model::states.size());
-    using D = Dual<n>;
-    std::array<D, Model::states.size()> yd, rates;
-    std::array<D, Model::inputs.size()> ind;
-    for (int i = 0; i < n; ++i) yd[i] = D::variable(y[i], i);
-    for (std::size_t i = 0; i < ind.size(); ++i) ind[i] = D(in[i]);
-    rates_from<Model, D>(Model::template evaluate<D>(yd.data(), ind.data(), Model::constants(p)), yd.data(),
-                         rates.data());
-    for (int column = 0; column < n; ++column)
-      for (int row = 0; row < n; ++row) result[row + n * column] = rates[row].derivative[column];
+    EquationsOf<Model>({p, p + Model::parameters.size()}).jacobian(y, in, result);
+  }
+  std::unique_ptr<CellEquations> equations(const std::vector<double>& p) const override {
+    return std::make_unique<EquationsOf<Model>>(p);
+  }
+  std::unique_ptr<AdaptiveIntegrator> rosenbrock(const std::vector<double>& p, double relative,
+                                                 const std::vector<double>& absolute) const override {
+    return std::make_unique<Rosenbrock4<Model>>(Model::constants(p.data()), relative, absolute);
   }
 
   std::unique_ptr<CellStepper> stepper(std::string_view integrator,
                                        const std::vector<double>& p) const override {
-    if (integrator == integrator_names[0]) return std::make_unique<StepperOf<Model, ForwardEuler>>(p);
-    if (integrator == integrator_names[1]) return std::make_unique<StepperOf<Model, RushLarsen1>>(p);
-    if (integrator == integrator_names[2]) return std::make_unique<StepperOf<Model, RushLarsen2>>(p);
-    if (integrator == integrator_names[3]) return std::make_unique<StepperOf<Model, Bdf2Imex>>(p);
-    std::vector<std::string> known = {"cvode"};
-    for (std::string_view present : integrator_names) known.emplace_back(present);
-    refuse_unknown("integrator", integrator, known);
+    if (integrator == fixed_names[0]) return std::make_unique<StepperOf<Model, ForwardEuler>>(p);
+    if (integrator == fixed_names[1]) return std::make_unique<StepperOf<Model, RushLarsen1>>(p);
+    if (integrator == fixed_names[2]) return std::make_unique<StepperOf<Model, RushLarsen2>>(p);
+    if (integrator == fixed_names[3]) return std::make_unique<StepperOf<Model, GeneralisedRushLarsen1>>(p);
+    if (integrator == fixed_names[4]) return std::make_unique<StepperOf<Model, GeneralisedRushLarsen2>>(p);
+    if (integrator == fixed_names[5]) return std::make_unique<StepperOf<Model, Bdf2Imex>>(p);
+    refuse_integrator(integrator);
   }
 
   std::vector<double> derived_constants(const double* p) const override {
@@ -143,7 +173,36 @@ const CellModel& find_model(std::string_view name) {
   refuse_unknown("cell model", name, known);
 }
 
-std::span<const std::string_view> fixed_step_integrators() { return integrator_names; }
+std::span<const std::string_view> fixed_step_integrators() { return fixed_names; }
+std::span<const std::string_view> adaptive_integrators() { return adaptive_names; }
+bool is_adaptive(std::string_view integrator) {
+  return std::find(adaptive_names.begin(), adaptive_names.end(), integrator) != adaptive_names.end();
+}
+void refuse_integrator(std::string_view name) {
+  std::vector<std::string> known(adaptive_names.begin(), adaptive_names.end());
+  known.insert(known.end(), fixed_names.begin(), fixed_names.end());
+  refuse_unknown("integrator", name, known);
+}
+
+std::vector<double> CellModel::absolute_tolerances(double of_size_one) const {
+  std::vector<double> absolute;
+  for (const Quantity& q : states) {
+    const double size = q.unit == "mM" && q.default_value < 0.1 ? 1e-2 : q.unit == "mV" ? 10.0 : 1.0;
+    absolute.push_back(of_size_one * size);
+  }
+  return absolute;
+}
+
+std::unique_ptr<AdaptiveIntegrator> CellModel::adaptive(std::string_view integrator,
+                                                        const std::vector<double>& p, double relative,
+                                                        double absolute) const {
+  const std::vector<double> tolerances = absolute_tolerances(absolute);
+  if (integrator == adaptive_names[0]) return make_cvode(*this, p, relative, tolerances);
+  if (integrator == adaptive_names[1]) return rosenbrock(p, relative, tolerances);
+  if (integrator == adaptive_names[2]) return make_odeint_dopri5(*this, p, relative, absolute);
+  if (integrator == adaptive_names[3]) return make_odeint_rosenbrock4(*this, p, relative, absolute);
+  refuse_integrator(integrator);
+}
 
 std::vector<double> CellModel::default_state() const {
   std::vector<double> y;

@@ -4,11 +4,13 @@
 // evaluation. Code that steps many cells uses the model templates and CellPopulation (population.hpp).
 #pragma once
 
+#include <limits>
 #include <memory>
 #include <span>
 #include <string_view>
 #include <vector>
 #include <wiggers/cellmodels/stimulus.hpp>
+#include <wiggers/core/adaptive.hpp>
 #include <wiggers/core/quantity.hpp>
 
 namespace wiggers {
@@ -21,6 +23,18 @@ class CellStepper {
   virtual void step(double h, double* y, const double* inputs) = 0;
 };
 
+// A model's equations bound to parameters: what is derived from them is computed once.
+class CellEquations {
+ public:
+  virtual ~CellEquations() = default;
+  // rates[i] = dy_i/dt per time_unit; observables may be null.
+  virtual void evaluate(const double* y, const double* inputs, double* rates, double* observables) const = 0;
+  // Exact: jacobian[row + n * column] = d(rate_row)/d(y_column).
+  virtual void jacobian(const double* y, const double* inputs, double* jacobian) const = 0;
+  // Rates of one side of the branch potential only, until told otherwise (see CellModel::branch_potential).
+  virtual void choose_side(bool below) = 0;
+};
+
 class CellModel {
  public:
   virtual ~CellModel() = default;
@@ -31,6 +45,7 @@ class CellModel {
   std::span<const bool> is_gate;
   int membrane_potential = -1;  // index of the state with this role, -1 if the model has none
   int cytosolic_calcium = -1;
+  double branch_potential = std::numeric_limits<double>::quiet_NaN();  // where rates jump, mV; NaN: nowhere
   StimulusPulse default_stimulus;
   std::string_view invariant_meaning;  // empty: none
 
@@ -42,8 +57,17 @@ class CellModel {
   // Exact Jacobian: jacobian[row + n * column] = d(rate_row)/d(y_column).
   virtual void jacobian(const double* y, const double* inputs, const double* parameters,
                         double* jacobian) const = 0;
+  virtual std::unique_ptr<CellEquations> equations(const std::vector<double>& parameters) const = 0;
+  // Refuses an unknown name with the nearest.
   virtual std::unique_ptr<CellStepper> stepper(std::string_view integrator,
                                                const std::vector<double>& parameters) const = 0;
+  // Integrators that choose their steps (adaptive_integrators()); `absolute` is for a state of size one, see
+  // absolute_tolerances.
+  std::unique_ptr<AdaptiveIntegrator> adaptive(std::string_view integrator,
+                                               const std::vector<double>& parameters, double relative,
+                                               double absolute) const;
+  // Per state: small concentrations get 1 % of it, the membrane potential ten times.
+  std::vector<double> absolute_tolerances(double of_size_one) const;
 
   // What the model derives from its parameters once, as plain numbers; and one row of its table of functions
   // of V for steps of h (voltage_table.hpp; empty for models without a membrane).
@@ -57,6 +81,13 @@ class CellModel {
   virtual void hold_invariant(double* y, const double* parameters, double value) const = 0;
 
   std::vector<double> default_state() const;
+
+ protected:
+  virtual std::unique_ptr<AdaptiveIntegrator> rosenbrock(const std::vector<double>& parameters,
+                                                         double relative,
+                                                         const std::vector<double>& absolute) const = 0;
+
+ public:
   // The values of a named set; refuses an unknown name with the nearest.
   std::vector<double> parameter_values(std::string_view set) const;
 };
@@ -64,7 +95,10 @@ class CellModel {
 std::span<const CellModel* const> catalogue();
 const CellModel& find_model(std::string_view name);  // refuses an unknown name with the nearest
 
-// Names of the fixed-step integrators every model works with.
+// Names of the integrators every model works with.
 std::span<const std::string_view> fixed_step_integrators();
+std::span<const std::string_view> adaptive_integrators();
+bool is_adaptive(std::string_view integrator);
+[[noreturn]] void refuse_integrator(std::string_view name);
 
 }  // namespace wiggers

@@ -192,9 +192,14 @@ struct Crn {
   };
 
   // Constants that follow from the parameters, computed once, not once a step.
+  // The rates of the gates h and j jump here. Integrators that look ahead keep to one side over a step and
+  // stop at the crossing: they set the derived constant rate_branch beyond reach meanwhile.
+  static constexpr double branch_potential = -40.0;
+
   template <class P>
   struct Constants {
     P p[parameters.size()];
+    P rate_branch;
     P FRT, RTF, half_RTF, E_Na_outside, E_K_outside, E_Ca_outside, V_i, V_up, V_rel, charge_to_concentration,
         sigma, pump, exchanger, Na_o_cubed;
   };
@@ -202,6 +207,7 @@ struct Crn {
   static Constants<P> constants(const P* parameter) {
     Constants<P> c;
     for (std::size_t i = 0; i < parameters.size(); ++i) c.p[i] = parameter[i];
+    c.rate_branch = branch_potential;
     c.RTF = c.p[R] * c.p[T] / c.p[F];
     c.FRT = 1.0 / c.RTF;
     c.half_RTF = 0.5 * c.RTF;
@@ -233,7 +239,7 @@ struct Crn {
     const N m_a = 3.2 * x_over_one_minus_exp(N(0.1 * (Vm + 47.13)));
     const N m_b = 0.08 * exp(N(Vm * (-1.0 / 11.0)));
     gate(m, m_a / (m_a + m_b), 1.0 / (m_a + m_b));
-    const auto lower_branch = Vm < -40.0;
+    const auto lower_branch = Vm < c.rate_branch;
     const N zero(0.0);
     const N h_a = select(lower_branch, N(0.135 * exp(N((Vm + 80.0) / -6.8))), zero);
     const N h_b = select(lower_branch, N(3.56 * exp(N(0.079 * Vm)) + 3.1e5 * exp(N(0.35 * Vm))),

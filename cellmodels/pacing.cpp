@@ -4,7 +4,6 @@
 #include <cmath>
 #include <set>
 #include <wiggers/cellmodels/pacing.hpp>
-#include <wiggers/core/cvode.hpp>
 #include <wiggers/core/errors.hpp>
 
 namespace wiggers {
@@ -23,7 +22,7 @@ void check_protocol(const CellModel& model, const PacingProtocol& protocol,
       std::abs(protocol.stimulus.amplitude_A_per_F) > 1000)
     throw InputError(
         fmt::format("stimulus = {} A/F is outside -1000 to 1000", protocol.stimulus.amplitude_A_per_F));
-  if (integrator.name == "cvode") {
+  if (is_adaptive(integrator.name)) {
     if (!(integrator.relative_tolerance >= 1e-13 && integrator.relative_tolerance <= 1e-1))
       throw InputError(fmt::format("rtol = {} is outside 1e-13 to 0.1", integrator.relative_tolerance));
     if (!(integrator.absolute_tolerance >= 1e-16 && integrator.absolute_tolerance <= 1))
@@ -50,8 +49,8 @@ PacedCell::PacedCell(const CellModel& model, std::vector<double> parameters, Pac
   check_protocol(model_, protocol_, integrator_);
 }
 
-void PacedCell::check_range(double t, const std::vector<double>& state) const {
-  for (std::size_t i = 0; i < state.size(); ++i) {
+void PacedCell::check_range(double t, const double* state) const {
+  for (std::size_t i = 0; i < model_.states.size(); ++i) {
     const Quantity& q = model_.states[i];
     const double slack = 1e-6 * (std::isfinite(q.upper) ? std::max(1.0, std::abs(q.upper)) : 1.0);
     if (!std::isfinite(state[i]) || state[i] < q.lower - slack || state[i] > q.upper + slack)
@@ -60,7 +59,7 @@ void PacedCell::check_range(double t, const std::vector<double>& state) const {
           "{}{}). "
           "Try a smaller step, or integrator rush-larsen or cvode.",
           model_.name, q.name, state[i], q.unit, q.lower, q.upper, t, integrator_.name,
-          integrator_.name == "cvode" ? std::string() : fmt::format(", dt {} ms", integrator_.dt_ms)));
+          is_adaptive(integrator_.name) ? std::string() : fmt::format(", dt {} ms", integrator_.dt_ms)));
   }
 }
 
@@ -90,58 +89,57 @@ void PacedCell::beat(std::vector<double>& state, double sample_ms, const Sampler
   double inputs[1] = {pulse.current_on_span(0)};
   if (sampler && samples.count(0.0)) sampler(0, state.data(), inputs[0]);
 
-  if (integrator_.name == "cvode") {
-    OdeSystem system;
-    system.size = model_.states.size();
-    system.derivative = [&](double, const double* y, double* dy) {
-      model_.evaluate(y, inputs, parameters_.data(), dy, nullptr);
-    };
-    system.jacobian = [&](double, const double* y, double* jacobian) {
-      model_.jacobian(y, inputs, parameters_.data(), jacobian);
-    };
-    OdeTolerances tolerances{integrator_.relative_tolerance, {}};
-    // absolute_tolerance is for a state of size one; concentrations of 1e-4 mM need theirs smaller.
-    for (const Quantity& q : model_.states) {
-      const bool small = q.unit == "mM" && q.default_value < 0.1;
-      tolerances.absolute.push_back(integrator_.absolute_tolerance * (small ? 1e-2 : 1.0));
-    }
-    Cvode solver(system, tolerances);
-    solver.restart(0, state);
+  if (is_adaptive(integrator_.name)) {
+    if (!adaptive_)
+      adaptive_ = model_.adaptive(integrator_.name, parameters_, integrator_.relative_tolerance,
+                                  integrator_.absolute_tolerance);
+    // Spans between edges; the samples inside are interpolated.
+    double begin = 0;
+    std::vector<double> inside;
     for (double stop : stops) {
+      const bool ends = stop == period || is_edge(stop);
+      if (!ends) {
+        inside.push_back(stop - begin);
+        continue;
+      }
+      adaptive_->restart();
       try {
-        state = solver.advance(stop);
+        adaptive_->advance(stop - begin, state.data(), inputs, inside, [&](std::size_t k, const double* y) {
+          check_range(begin + inside[k], y);
+          sampler(begin + inside[k], y, inputs[0]);
+        });
       } catch (const NumericalFailure& failure) {
-        throw NumericalFailure(fmt::format("{}: {}", model_.name, failure.what()));
+        throw NumericalFailure(
+            fmt::format("{}: {} (in the span from {} ms of the beat)", model_.name, failure.what(), begin));
       }
-      check_range(stop, state);
-      const double current = pulse.current_on_span(stop);
-      if (is_edge(stop)) {
-        inputs[0] = current;
-        solver.restart(stop, state);
-      }
+      check_range(stop, state.data());
+      inside.clear();
+      begin = stop;
+      if (is_edge(stop)) inputs[0] = pulse.current_on_span(stop);
       if (sampler && samples.count(stop)) sampler(stop, state.data(), inputs[0]);
     }
-  } else {
-    const auto stepper = model_.stepper(integrator_.name, parameters_);
-    double t = 0;
-    for (double stop : stops) {
-      const auto n_steps = static_cast<long>(std::ceil((stop - t) / integrator_.dt_ms * (1 - 1e-12)));
-      const double h = (stop - t) / static_cast<double>(n_steps);
-      // Steps that differ only by rounding count as equal: multistep schemes keep their history.
-      const double step = std::abs(h - integrator_.dt_ms) < 1e-9 * integrator_.dt_ms ? integrator_.dt_ms : h;
-      for (long k = 0; k < n_steps; ++k) {
-        stepper->step(step, state.data(), inputs);
-        // Cheap at this cadence, and it stops a diverging run before it overflows.
-        if ((k & 15) == 15) check_range(t + static_cast<double>(k + 1) * step, state);
-      }
-      t = stop;
-      check_range(t, state);
-      if (is_edge(stop)) {
-        inputs[0] = pulse.current_on_span(stop);
-        stepper->restart();
-      }
-      if (sampler && samples.count(stop)) sampler(stop, state.data(), inputs[0]);
+    return;
+  }
+
+  const auto stepper = model_.stepper(integrator_.name, parameters_);
+  double t = 0;
+  for (double stop : stops) {
+    const auto n_steps = static_cast<long>(std::ceil((stop - t) / integrator_.dt_ms * (1 - 1e-12)));
+    const double h = (stop - t) / static_cast<double>(n_steps);
+    // Steps that differ only by rounding count as equal: multistep schemes keep their history.
+    const double step = std::abs(h - integrator_.dt_ms) < 1e-9 * integrator_.dt_ms ? integrator_.dt_ms : h;
+    for (long k = 0; k < n_steps; ++k) {
+      stepper->step(step, state.data(), inputs);
+      // Cheap at this cadence, and it stops a diverging run before it overflows.
+      if ((k & 15) == 15) check_range(t + static_cast<double>(k + 1) * step, state.data());
     }
+    t = stop;
+    check_range(t, state.data());
+    if (is_edge(stop)) {
+      inputs[0] = pulse.current_on_span(stop);
+      stepper->restart();
+    }
+    if (sampler && samples.count(stop)) sampler(stop, state.data(), inputs[0]);
   }
 }
 
@@ -161,7 +159,7 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
         "{}), "
         "so the cell gains charge every beat. Set stimulus_K_fraction = 1, or pace a number of beats.",
         model_.name, parameters_[require_index(model_.parameters, "parameter", "stimulus_K_fraction")]));
-  if (integrator_.name == "cvode") settings.map_noise = integrator_.relative_tolerance;
+  if (is_adaptive(integrator_.name)) settings.map_noise = integrator_.relative_tolerance;
   const double charge = model_.invariant(state.data(), parameters_.data());
   std::vector<bool> positive;
   for (const Quantity& q : model_.states) positive.push_back(q.unit == "mM");

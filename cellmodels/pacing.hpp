@@ -10,9 +10,9 @@
 namespace wiggers {
 
 struct CellIntegrator {
-  std::string name = "cvode";         // or a fixed-step integrator of the catalogue
-  double relative_tolerance = 1e-8;   // cvode
-  double absolute_tolerance = 1e-10;  // cvode; multiplied by each state's typical size, see pacing.cpp
+  std::string name = "cvode";         // an adaptive or a fixed-step integrator of the catalogue
+  double relative_tolerance = 1e-8;   // adaptive
+  double absolute_tolerance = 1e-10;  // adaptive; of a state of size one, see CellModel::absolute_tolerances
   double dt_ms = 0.02;                // fixed steps: the largest step; spans between edges are divided evenly
 };
 
@@ -45,6 +45,9 @@ class PacedCell {
       std::vector<double>& state, LimitCycleSettings settings,
       const std::function<void(const LimitCycleCertificate&)>& after_beat = {});
 
+  // Work of an adaptive integrator so far.
+  AdaptiveCounts counts() const { return adaptive_ ? adaptive_->counts() : AdaptiveCounts{}; }
+
   // Drift of the invariant over the last beat, before it was held (mV).
   double invariant_drift() const { return invariant_drift_; }
 
@@ -52,12 +55,13 @@ class PacedCell {
   const std::vector<double>& parameters() const { return parameters_; }
 
  private:
-  void check_range(double t, const std::vector<double>& state) const;
+  void check_range(double t, const double* state) const;
 
   const CellModel& model_;
   std::vector<double> parameters_;
   PacingProtocol protocol_;
   CellIntegrator integrator_;
+  std::unique_ptr<AdaptiveIntegrator> adaptive_;
   double invariant_drift_ = 0;
 };
 

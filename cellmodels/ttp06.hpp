@@ -235,9 +235,14 @@ struct Ttp06 {
                    "1", tau_f2_authors, 4},
   };
 
+  // The rates of the gates h and j jump here. Integrators that look ahead keep to one side over a step and
+  // stop at the crossing: they set the derived constant rate_branch beyond reach meanwhile.
+  static constexpr double branch_potential = -40.0;
+
   template <class P>
   struct Constants {
     P p[parameters.size()];
+    P rate_branch;
     P RTF, half_RTF, FRT, charge_to_concentration, calcium_charge, subspace_charge, pump, exchanger,
         Na_o_cubed;
     P E_Na_outside, E_K_outside, E_Ca_outside, E_Ks_outside;  // reversal potentials at 1 mM inside
@@ -248,6 +253,7 @@ struct Ttp06 {
   static Constants<P> constants(const P* parameter) {
     Constants<P> c;
     for (std::size_t i = 0; i < parameters.size(); ++i) c.p[i] = parameter[i];
+    c.rate_branch = branch_potential;
     c.RTF = c.p[R] * c.p[T] / c.p[F];
     c.FRT = 1.0 / c.RTF;
     c.charge_to_concentration = c.p[Cm] / (c.p[V_c] * c.p[F]);
@@ -298,7 +304,7 @@ struct Ttp06 {
     gate(m, square(logistic(N((Vm + 56.86) / 9.03))),
          opens(e5, -60.0 / 5.0) * (0.1 * closes(e5, -35.0 / 5.0) + 0.1 * logistic(N((Vm - 50.0) / -200.0))));
     const N hj_steady = square(logistic(N((Vm + 71.55) / -7.43)));
-    const auto lower_branch = Vm < -40.0;
+    const auto lower_branch = Vm < c.rate_branch;
     const N zero(0.0);
     const N h_a = select(lower_branch, N(0.057 * exp(N((Vm + 80.0) / -6.8))), zero);
     const N h_b = select(lower_branch, N(2.7 * exp(N(0.079 * Vm)) + 3.1e5 * exp(N(0.3485 * Vm))),

@@ -114,6 +114,16 @@ struct Cvode::Implementation {
       return -1;
     }
   }
+  static int roots(double t, N_Vector y, double* values, void* user) {
+    auto* self = static_cast<Implementation*>(user);
+    try {
+      self->system.roots(t, N_VGetArrayPointer(y), values);
+      return 0;
+    } catch (...) {
+      self->thrown = std::current_exception();
+      return -1;
+    }
+  }
   static void silent(int, const char*, const char*, char*, void*) {}  // errors are reported by check()
 };
 
@@ -148,6 +158,11 @@ void Cvode::restart(double t, const std::vector<double>& y) {
     m.check(CVodeSetLinearSolver(m.memory, m.linear_solver, m.matrix), "CVodeSetLinearSolver");
     if (m.system.jacobian) m.check(CVodeSetJacFn(m.memory, Implementation::jacobian), "CVodeSetJacFn");
     m.check(CVodeSetMaxNumSteps(m.memory, 2000000), "CVodeSetMaxNumSteps");
+    if (m.system.n_roots > 0) {
+      m.check(CVodeRootInit(m.memory, static_cast<int>(m.system.n_roots), Implementation::roots),
+              "CVodeRootInit");
+      m.check(CVodeSetNoInactiveRootWarn(m.memory), "CVodeSetNoInactiveRootWarn");
+    }
     m.started = true;
   } else {
     m.before_restart = counts();
@@ -155,15 +170,25 @@ void Cvode::restart(double t, const std::vector<double>& y) {
   }
 }
 
-const std::vector<double>& Cvode::advance(double t_end) {
+const std::vector<double>& Cvode::advance(double t_out, double limit) {
   Implementation& m = *implementation_;
-  if (t_end <= m.t) return m.state;
-  m.check(CVodeSetStopTime(m.memory, t_end), "CVodeSetStopTime");
   double reached = m.t;
-  const int code = CVode(m.memory, t_end, m.y, &reached, CV_NORMAL);
-  m.t = reached;
-  m.check(code, "CVode");
-  m.t = t_end;
+  while (t_out > m.t) {
+    m.check(CVodeSetStopTime(m.memory, limit), "CVodeSetStopTime");
+    const int code = CVode(m.memory, t_out, m.y, &reached, CV_NORMAL);
+    m.t = reached;
+    m.check(code, "CVode");
+    if (code != CV_ROOT_RETURN) {
+      m.t = t_out;
+      break;
+    }
+    std::vector<int> which(m.system.n_roots);
+    m.check(CVodeGetRootInfo(m.memory, which.data()), "CVodeGetRootInfo");
+    for (std::size_t k = 0; k < which.size(); ++k)
+      if (which[k] != 0 && m.system.on_root) m.system.on_root(reached, k, which[k]);
+    m.before_restart = counts();
+    m.check(CVodeReInit(m.memory, reached, m.y), "CVodeReInit");
+  }
   return m.state;
 }
 
@@ -179,6 +204,7 @@ OdeCounts Cvode::counts() const {
   if (CVodeGetNumSteps(m.memory, &value) >= 0) c.steps += value;
   if (CVodeGetNumRhsEvals(m.memory, &value) >= 0) c.evaluations += value;
   if (CVodeGetNumJacEvals(m.memory, &value) >= 0) c.jacobians += value;
+  if (CVodeGetNumLinSolvSetups(m.memory, &value) >= 0) c.factorisations += value;
   if (CVodeGetNumErrTestFails(m.memory, &value) >= 0) c.error_test_failures += value;
   return c;
 }

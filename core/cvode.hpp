@@ -17,6 +17,11 @@ struct OdeSystem {
   std::function<void(double, const double*, double*)> derivative;
   // jacobian(t, y, J): J[row + size * column] = d(dy_row)/d(y_column); empty: difference quotients.
   std::function<void(double, const double*, double*)> jacobian;
+  // roots(t, y, values): where one of n_roots values changes sign the right-hand side has a kink or a jump.
+  // The integrator stops there, calls on_root(t, which, direction) and starts afresh.
+  std::size_t n_roots = 0;
+  std::function<void(double, const double*, double*)> roots;
+  std::function<void(double, std::size_t, int)> on_root;
 };
 
 struct OdeTolerances {
@@ -29,6 +34,7 @@ struct OdeCounts {
   long evaluations = 0;
   long jacobians = 0;
   long error_test_failures = 0;
+  long factorisations = 0;
 };
 
 class Cvode {
@@ -41,8 +47,10 @@ class Cvode {
   // Starts afresh at (t, y): at the beginning, and after every jump of the right-hand side.
   void restart(double t, const std::vector<double>& y);
 
-  // Advances exactly to t_end (the right-hand side is never evaluated beyond it); returns the state there.
-  const std::vector<double>& advance(double t_end);
+  // Advances to t_out and returns the state there. The right-hand side is never evaluated beyond `limit`:
+  // where it jumps next. Outputs before the limit are interpolated, steps are not shortened for them.
+  const std::vector<double>& advance(double t_out, double limit);
+  const std::vector<double>& advance(double t_end) { return advance(t_end, t_end); }
 
   // Largest internal step (0: no limit).
   void set_largest_step(double h);

@@ -35,11 +35,11 @@ inline T cube(const T& x) {
   return x * x * x;
 }
 
-// 1 / (1 + exp(-x)); safe for arguments of any size (the exponential saturates at +-700).
+// 1 / (1 + exp(-x)), by an exponential that cannot overflow, nor can its derivative.
 template <class T>
 inline T logistic(const T& x) {
-  const T bounded = select(x < -700.0, T(-700.0), select(x > 700.0, T(700.0), x));
-  return 1.0 / (1.0 + exp(-bounded));
+  const T e = exp(T(-abs(x)));
+  return select(x < 0.0, e, T(1.0)) / (1.0 + e);
 }
 
 // x / (exp(x) - 1), and its limit 1 at x = 0. For |x| < 0.1 the Bernoulli series to x^8, whose first dropped

@@ -112,7 +112,7 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   check_option("--stimulus-onset-ms", o.onset_ms, 0, o.period_ms);
   check_limit_cycle_options(o.distance, o.max_beats);
   const LimitCycleMethod method = limit_cycle_method(o.method);
-  if (o.integrator == "cvode") {
+  if (is_adaptive(o.integrator)) {
     check_option("--rtol", o.rtol, 1e-13, 0.1);
     check_option("--atol", o.atol, 1e-16, 1);
   } else {
@@ -235,12 +235,15 @@ void add_cell(CLI::App& app) {
   verb->add_option("--method", o->method, "limit-cycle search: anderson | pacing [anderson]");
   verb->add_option("--distance", o->distance, "scaled distance to the limit cycle, 1 [1e-6]");
   verb->add_option("--max-beats", o->max_beats, "give up on the limit cycle after so many beats [2000]");
-  verb->add_option("--integrator", o->integrator,
-                   "cvode | rush-larsen | rush-larsen-2 | bdf2-imex | forward-euler [cvode]");
+  verb->add_option(
+      "--integrator", o->integrator,
+      "adaptive: cvode | rosenbrock | odeint-rosenbrock4 | odeint-dopri5; fixed steps: rush-larsen | "
+      "rush-larsen-2 | generalised-rush-larsen | generalised-rush-larsen-2 | bdf2-imex | forward-euler "
+      "[cvode]");
   verb->add_option("--dt-ms", o->dt_ms, "step of the fixed-step integrators, ms [0.02]");
-  verb->add_option("--rtol", o->rtol, "relative tolerance of cvode, 1 [1e-8]");
-  CLI::Option* atol =
-      verb->add_option("--atol", o->atol, "absolute tolerance of cvode for a state of size one [rtol/100]");
+  verb->add_option("--rtol", o->rtol, "relative tolerance of the adaptive integrators, 1 [1e-8]");
+  CLI::Option* atol = verb->add_option(
+      "--atol", o->atol, "absolute tolerance of the adaptive integrators for a state of size one [rtol/100]");
   verb->add_option("--sample-ms", o->sample_ms, "spacing of the output rows, ms [1]");
   CLI::Option* stimulus = verb->add_option("--stimulus-A-per-F", o->stimulus,
                                            "stimulus current, A/F, negative depolarises [the model's]");
