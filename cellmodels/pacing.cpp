@@ -5,6 +5,7 @@
 #include <set>
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/limit_cycle_solve.hpp>
 
 namespace wiggers {
 
@@ -52,7 +53,10 @@ PacedCell::PacedCell(const CellModel& model, std::vector<double> parameters, Pac
 void PacedCell::check_range(double t, const double* state) const {
   for (std::size_t i = 0; i < model_.states.size(); ++i) {
     const Quantity& q = model_.states[i];
-    const double slack = 1e-6 * (std::isfinite(q.upper) ? std::max(1.0, std::abs(q.upper)) : 1.0);
+    // An adaptive method may overshoot a bound by about its own tolerance.
+    const double relative =
+        is_adaptive(integrator_.name) ? std::max(1e-6, 20 * integrator_.relative_tolerance) : 1e-6;
+    const double slack = relative * (std::isfinite(q.upper) ? std::max(1.0, std::abs(q.upper)) : 1.0);
     if (!std::isfinite(state[i]) || state[i] < q.lower - slack || state[i] > q.upper + slack)
       throw NumericalFailure(fmt::format(
           "{}: state {} = {} {} left its physical range {} to {} at t = {:.4g} ms of the beat (integrator "
@@ -161,28 +165,40 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
         model_.name, parameters_[require_index(model_.parameters, "parameter", "stimulus_K_fraction")]));
   if (is_adaptive(integrator_.name)) settings.map_noise = integrator_.relative_tolerance;
   const double charge = model_.invariant(state.data(), parameters_.data());
-  std::vector<bool> positive;
-  for (const Quantity& q : model_.states) positive.push_back(q.unit == "mM");
-  LimitCycleSearch search(settings, scales(state), positive);
-  while (search.running()) {
-    std::vector<double> image = state;
-    try {
-      beat(image);
-    } catch (const NumericalFailure&) {
-      bool recovered = false;
-      state = search.after_failure(recovered);
-      if (!recovered) throw;
-      continue;
-    }
+  BeatMap map;
+  map.scales = scales(state);
+  for (const Quantity& q : model_.states) map.positive.push_back(q.unit == "mM");
+  map.beat = [&](const std::vector<double>& start) {
+    std::vector<double> image = start;
+    beat(image);
     // The scheme's own drift of the charge is reported, then removed: the map is projected on the leaf.
     invariant_drift_ = model_.invariant(image.data(), parameters_.data()) - charge;
     model_.hold_invariant(image.data(), parameters_.data(), charge);
-    state = search.next(state, image);
-    make_admissible(model_, state);
-    model_.hold_invariant(state.data(), parameters_.data(), charge);
-    if (after_beat) after_beat(search.certificate());
-  }
-  return search.certificate();
+    return image;
+  };
+  map.admit = [&](std::vector<double>& proposal) {
+    make_admissible(model_, proposal);
+    model_.hold_invariant(proposal.data(), parameters_.data(), charge);
+  };
+  return find_limit_cycle(map, settings, state, after_beat);
+}
+
+std::optional<double> PacedCell::integrator_shift(const std::vector<double>& on_cycle) const {
+  CellIntegrator finer = integrator_;
+  finer.dt_ms *= 0.5;
+  finer.relative_tolerance = std::max(1e-13, 0.1 * finer.relative_tolerance);
+  finer.absolute_tolerance = std::max(1e-16, 0.1 * finer.absolute_tolerance);
+  LimitCycleSettings settings;
+  settings.distance = 1e-5;
+  settings.max_beats = 100;
+  std::vector<double> moved = on_cycle;
+  PacedCell cell(model_, parameters_, protocol_, finer);
+  if (cell.to_limit_cycle(moved, settings).verdict != LimitCycleVerdict::period_1) return std::nullopt;
+  const std::vector<double> s = scales(on_cycle);
+  double largest = 0;
+  for (std::size_t i = 0; i < s.size(); ++i)
+    largest = std::max(largest, std::abs(moved[i] - on_cycle[i]) / s[i]);
+  return largest;
 }
 
 }  // namespace wiggers

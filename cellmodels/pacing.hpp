@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 #include <wiggers/cellmodels/catalogue.hpp>
@@ -47,6 +48,11 @@ class PacedCell {
 
   // Work of an adaptive integrator so far.
   AdaptiveCounts counts() const { return adaptive_ ? adaptive_->counts() : AdaptiveCounts{}; }
+
+  // How far the cycle itself moves, in scaled units, if the step is halved (adaptive: the tolerance divided
+  // by ten): the finer integrator is brought to its own cycle from this one, to a distance of 1e-5. Nothing
+  // if it finds none.
+  std::optional<double> integrator_shift(const std::vector<double>& on_cycle) const;
 
   // Drift of the invariant over the last beat, before it was held (mV).
   double invariant_drift() const { return invariant_drift_; }

@@ -7,6 +7,7 @@
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/limit_cycle_solve.hpp>
 
 namespace wiggers {
 
@@ -175,23 +176,21 @@ LimitCycleCertificate LoopSolver::to_limit_cycle(
     const std::function<void(const LimitCycleCertificate&)>& after_beat) const {
   if (integrator_.name == "cvode") settings.map_noise = integrator_.relative_tolerance;
   const double volume = total_volume(loop_.circulation, state.data());
-  LimitCycleSearch search(settings, circulation_scales());
-  while (search.running()) {
-    CirculationValues image = state;
-    std::vector<double> proposal;
-    try {
-      beat(image);
-      proposal = search.next({state.begin(), state.end()}, {image.begin(), image.end()});
-    } catch (const NumericalFailure&) {
-      bool recovered = false;
-      proposal = search.after_failure(recovered);
-      if (!recovered) throw;
-    }
-    std::copy(proposal.begin(), proposal.end(), state.begin());
-    hold_total_volume(loop_.circulation, state.data(), volume);
-    if (after_beat) after_beat(search.certificate());
-  }
-  return search.certificate();
+  BeatMap map;
+  map.scales = circulation_scales();
+  map.beat = [&](const std::vector<double>& start) {
+    CirculationValues image;
+    std::copy(start.begin(), start.end(), image.begin());
+    beat(image);
+    return std::vector<double>(image.begin(), image.end());
+  };
+  map.admit = [&](std::vector<double>& proposal) {
+    hold_total_volume(loop_.circulation, proposal.data(), volume);
+  };
+  std::vector<double> y(state.begin(), state.end());
+  const LimitCycleCertificate certificate = find_limit_cycle(map, settings, y, after_beat);
+  std::copy(y.begin(), y.end(), state.begin());
+  return certificate;
 }
 
 }  // namespace wiggers

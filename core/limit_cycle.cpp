@@ -16,6 +16,17 @@ namespace {
 // A search that its map's noise ends farther from the cycle than this has not found it.
 constexpr double largest_noisy_distance = 1e-4;
 
+// After a jump along the slow directions the fast ones are out of step, and the change over a beat grows
+// although the state is nearer to the cycle (CRN: thirtyfold). Only a growth beyond that means that the jump
+// went astray.
+constexpr double largest_growth = 1000;
+
+constexpr double longest_jump = 1e4;
+
+// Plain beats whose change differs by less than this, relative to it, move along one line without slowing
+// down.
+constexpr double steady_drift = 1e-4;
+
 double max_abs(const std::vector<double>& v) {
   double largest = 0;
   for (double entry : v) largest = std::max(largest, std::abs(entry));
@@ -23,6 +34,15 @@ double max_abs(const std::vector<double>& v) {
 }
 
 }  // namespace
+
+LimitCycleMethod limit_cycle_method(std::string_view name) {
+  if (name == "anderson") return LimitCycleMethod::anderson;
+  if (name == "newton") return LimitCycleMethod::newton;
+  if (name == "kinsol") return LimitCycleMethod::kinsol;
+  if (name == "pacing") return LimitCycleMethod::pacing;
+  refuse_unknown("limit-cycle method", name,
+                 std::vector<std::string>{"anderson", "newton", "kinsol", "pacing"});
+}
 
 std::string to_string(LimitCycleVerdict verdict) {
   switch (verdict) {
@@ -32,6 +52,8 @@ std::string to_string(LimitCycleVerdict verdict) {
       return "period-1";
     case LimitCycleVerdict::period_2:
       return "period-2";
+    case LimitCycleVerdict::drifting:
+      return "drifting";
     case LimitCycleVerdict::not_converged:
       return "not-converged";
   }
@@ -64,7 +86,7 @@ std::vector<double> LimitCycleSearch::next(const std::vector<double>& x, const s
   ++certificate_.beats;
   const double residual = max_abs(now.f);
   certificate_.residual = residual;
-  const bool lost = accelerated_ && residual > 10 * best_residual_;
+  const bool lost = accelerated_ && residual > largest_growth * best_residual_;
   if (best_.x.empty() || residual < best_residual_) {
     best_ = now;
     best_residual_ = residual;
@@ -133,12 +155,21 @@ std::vector<double> LimitCycleSearch::next(const std::vector<double>& x, const s
     return image;
   }
   if (lost) {
-    accelerated_ = false;
+    accelerated_ = jumped_ = false;
     return unscaled(best_.x, best_.f);
   }
   accelerated_ = plain_left_ == 0 && !correction.empty();
   if (!accelerated_) return image;
-  double share = 1;
+  if (relaxing_ > 0) {
+    --relaxing_;
+    accelerated_ = false;
+    return image;
+  }
+  relaxing_ = settings_.relaxing_beats;
+  jumped_ = true;
+  // A jump longer than this times the change over a beat would mean a multiplier above 0.9999: rounding, more
+  // likely.
+  double share = std::min(1.0, longest_jump * residual / step_to_fixed_point);
   for (std::size_t i = 0; i < n && !positive_.empty(); ++i) {
     if (!positive_[i] || now.x[i] <= 0) continue;
     if (correction[i] > now.x[i]) share = std::min(share, now.x[i] / correction[i]);
@@ -149,10 +180,11 @@ std::vector<double> LimitCycleSearch::next(const std::vector<double>& x, const s
 }
 
 std::vector<double> LimitCycleSearch::after_failure(bool& recovered) {
-  recovered = accelerated_ && !best_.x.empty() && certificate_.beats < settings_.max_beats;
+  recovered = jumped_ && !best_.x.empty() && certificate_.beats < settings_.max_beats;
   if (!recovered) return {};
   ++certificate_.beats;
-  accelerated_ = false;
+  accelerated_ = jumped_ = false;
+  relaxing_ = 0;
   return unscaled(best_.x, best_.f);
 }
 
@@ -175,10 +207,13 @@ void LimitCycleSearch::judge(double step_to_fixed_point) {
   if (history_.size() >= 3 && !accelerated_) {
     const Pair& last = history_.back();
     const Pair& before = history_[history_.size() - 2];
-    double two_beats = 0;
+    double two_beats = 0, difference = 0;
     for (std::size_t i = 0; i < last.f.size(); ++i)
       two_beats = std::max(two_beats, std::abs(last.f[i] + before.f[i]));
+    for (std::size_t i = 0; i < last.f.size(); ++i)
+      difference = std::max(difference, std::abs(last.f[i] - before.f[i]));
     if (two_beats < 0.01 * r) c.verdict = LimitCycleVerdict::period_2;
+    if (difference < steady_drift * r) c.verdict = LimitCycleVerdict::drifting;
   }
 }
 
@@ -207,6 +242,8 @@ std::vector<double> LimitCycleSearch::save() const {
                              best_residual_,
                              accelerated_ ? 1.0 : 0.0,
                              static_cast<double>(plain_left_),
+                             static_cast<double>(relaxing_),
+                             jumped_ ? 1.0 : 0.0,
                              static_cast<double>(history_.size())};
   for (const Pair& pair : history_) {
     put(out, pair.x);
@@ -226,8 +263,10 @@ void LimitCycleSearch::restore(const std::vector<double>& saved) {
   best_residual_ = saved.at(5);
   accelerated_ = saved.at(6) != 0;
   plain_left_ = static_cast<int>(saved.at(7));
-  const auto n_pairs = static_cast<std::size_t>(saved.at(8));
-  std::size_t at = 9;
+  relaxing_ = static_cast<int>(saved.at(8));
+  jumped_ = saved.at(9) != 0;
+  const auto n_pairs = static_cast<std::size_t>(saved.at(10));
+  std::size_t at = 11;
   history_.clear();
   for (std::size_t k = 0; k < n_pairs; ++k) {
     Pair pair;

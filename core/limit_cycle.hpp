@@ -6,22 +6,28 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace wiggers {
 
-enum class LimitCycleMethod { anderson, pacing };
+enum class LimitCycleMethod { anderson, newton, kinsol, pacing };
+// Refuses an unknown name with the nearest.
+LimitCycleMethod limit_cycle_method(std::string_view name);
 
 struct LimitCycleSettings {
   LimitCycleMethod method = LimitCycleMethod::anderson;
   double distance = 1e-6;    // stop when the estimated scaled distance to the cycle is below this
   double map_noise = 1e-13;  // relative accuracy of P itself; no residual below it is asked for
-  int depth = 16;            // Anderson's memory, in beats (CRN from its published start: 10 takes 40 % more)
-  int plain_beats = 5;       // beats before acceleration starts; the fast transient would spoil the model
+  int depth = 10;            // Anderson's memory, in beats
+  int plain_beats = 3;       // beats before acceleration starts; the fast transient would spoil the model
+  int relaxing_beats = 1;    // plain beats after each jump, in which the fast directions catch up
   int max_beats = 2000;
 };
 
-enum class LimitCycleVerdict { running, period_1, period_2, not_converged };
+// period_1: a cycle of one beat. period_2: alternans, every second beat agrees. drifting: the state moves
+// along one line without slowing down. not_converged: none of these within the beats allowed.
+enum class LimitCycleVerdict { running, period_1, period_2, drifting, not_converged };
 std::string to_string(LimitCycleVerdict verdict);
 
 struct LimitCycleCertificate {
@@ -29,7 +35,7 @@ struct LimitCycleCertificate {
   double distance = 0;    // estimated scaled distance of the last P(x) to the cycle
   double residual = 0;    // scaled change over the last beat
   double multiplier = 0;  // estimated leading multiplier on the leaf
-  int beats = 0;
+  int beats = 0;          // beats spent, Newton's perturbed ones included
 };
 
 // One beat at a time, so that the caller can checkpoint between beats and resume bit for bit:
@@ -72,6 +78,8 @@ class LimitCycleSearch {
   std::vector<bool> positive_;
   bool accelerated_ = false;  // the last proposal was an extrapolation
   int plain_left_ = 0;
+  int relaxing_ = 0;     // plain beats left before the next jump
+  bool jumped_ = false;  // there was a jump since the search last fell back to the best state
   LimitCycleCertificate certificate_;
 };
 

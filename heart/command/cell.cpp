@@ -167,12 +167,19 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   progress.finish(fmt::format("{} beats", beats));
 
   nlohmann::ordered_json summary = {{"model", model.name}, {"period_ms", o.period_ms}, {"beats", beats}};
-  if (to_cycle)
+  std::optional<double> shift;
+  if (to_cycle) {
+    shift = cell.integrator_shift(onset_state);
     summary["limit_cycle"] = {{"verdict", to_string(certificate.verdict)},
                               {"distance", certificate.distance},
                               {"beats", certificate.beats},
                               {"residual", certificate.residual},
-                              {"multiplier", certificate.multiplier}};
+                              {"multiplier", certificate.multiplier},
+                              {"invariant_mV", charge},
+                              {"invariant_drift_mV", cell.invariant_drift()},
+                              {"integrator_shift", nullptr}};
+    if (shift) summary["limit_cycle"]["integrator_shift"] = *shift;
+  }
   const auto& V = table.columns[1 + model.membrane_potential].values;
   const auto& Ca = table.columns[1 + model.cytosolic_calcium].values;
   summary["V_max_mV"] = *std::max_element(V.begin(), V.end());
@@ -188,8 +195,14 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
 
   fmt::print("{}: {}, period {} ms, {} beats\n", model.name, model.title, o.period_ms, beats);
   if (to_cycle) {
-    fmt::print("limit cycle: {}, distance {:.1e}, leading multiplier {:.4f}\n",
-               to_string(certificate.verdict), certificate.distance, certificate.multiplier);
+    fmt::print("limit cycle: {}, distance {:.1e}, leading multiplier {:.4f}, {} beats\n",
+               to_string(certificate.verdict), certificate.distance, certificate.multiplier,
+               certificate.beats);
+    fmt::print("  conserved charge {:.6g} mV, drift of a beat {:.1e} mV (held)\n", charge,
+               cell.invariant_drift());
+    if (shift)
+      fmt::print("  {} moves the cycle by {:.1e}\n",
+                 is_adaptive(o.integrator) ? "a tolerance ten times smaller" : "half the step", *shift);
     if (certificate.distance > o.distance && certificate.verdict == LimitCycleVerdict::period_1)
       fmt::print("note: --rtol {} allows no smaller distance; {} was asked for\n", o.rtol, o.distance);
   }
@@ -232,7 +245,8 @@ void add_cell(CLI::App& app) {
   verb->add_option("--period-ms", o->period_ms, "pacing period, ms [1000]");
   verb->add_option("--beats", o->beats, "number of beats");
   verb->add_option("--until", o->until, "limit-cycle: pace until the cell repeats itself");
-  verb->add_option("--method", o->method, "limit-cycle search: anderson | pacing [anderson]");
+  verb->add_option("--method", o->method,
+                   "limit-cycle search: anderson | newton | kinsol | pacing [anderson]");
   verb->add_option("--distance", o->distance, "scaled distance to the limit cycle, 1 [1e-6]");
   verb->add_option("--max-beats", o->max_beats, "give up on the limit cycle after so many beats [2000]");
   verb->add_option(

@@ -30,7 +30,8 @@ void add_loop(CLI::App& app) {
   verb->add_option("--set", o->set, "change a key of the file: elastance.LV.EA=3")->take_all();
   verb->add_option("--beats", o->beats, "number of beats");
   verb->add_option("--until", o->until, "limit-cycle: run until the loop repeats itself");
-  verb->add_option("--method", o->method, "limit-cycle search: anderson | pacing [anderson]");
+  verb->add_option("--method", o->method,
+                   "limit-cycle search: anderson | newton | kinsol | pacing [anderson]");
   verb->add_option("--distance", o->distance, "scaled distance to the limit cycle, 1 [1e-8]");
   verb->add_option("--max-beats", o->max_beats, "give up on the limit cycle after so many beats [500]");
   verb->add_option("--integrator", o->integrator.name, "cvode | forward-euler | runge-kutta-4 [cvode]");

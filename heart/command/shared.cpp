@@ -30,12 +30,6 @@ bool end_of_run(const std::string& until, int beats) {
   return !until.empty();
 }
 
-LimitCycleMethod limit_cycle_method(const std::string& name) {
-  if (name == "anderson") return LimitCycleMethod::anderson;
-  if (name == "pacing") return LimitCycleMethod::pacing;
-  refuse_unknown("limit-cycle method", name, std::vector<std::string>{"anderson", "pacing"});
-}
-
 void check_option(std::string_view option, double value, double lower, double upper) {
   if (!(value >= lower && value <= upper))
     throw InputError(

@@ -16,7 +16,6 @@ std::vector<double> parameters_from(const CellModel& model, const std::string& s
 // True: until the limit cycle; false: `beats` beats. Refuses both, neither, and other words.
 bool end_of_run(const std::string& until, int beats);
 
-LimitCycleMethod limit_cycle_method(const std::string& name);
 
 // Refuses an option that is not finite or not within its range.
 void check_option(std::string_view option, double value, double lower, double upper);

@@ -1,7 +1,8 @@
 // The limit-cycle search on maps whose answer is known.
 #include <catch2/catch.hpp>
 #include <cmath>
-#include <wiggers/core/limit_cycle.hpp>
+#include <wiggers/core/errors.hpp>
+#include <wiggers/core/limit_cycle_solve.hpp>
 
 using namespace wiggers;
 
@@ -64,7 +65,7 @@ TEST_CASE("a drifting map is not called a cycle") {
   LimitCycleSearch search(settings, {1});
   std::vector<double> x = {0};
   while (search.running()) x = search.next(x, {x[0] + 1e-3});
-  CHECK(search.certificate().verdict == LimitCycleVerdict::not_converged);
+  CHECK(search.certificate().verdict == LimitCycleVerdict::drifting);
 }
 
 TEST_CASE("a search restored from its numbers goes on bit for bit") {
@@ -106,4 +107,51 @@ TEST_CASE("a positive component is never proposed negative, and a failed start f
   }
   CHECK(failed);
   CHECK(search.certificate().verdict == LimitCycleVerdict::period_1);
+}
+
+namespace {
+// A contraction in three dimensions with a slow direction, not linear; its fixed point solves the same
+// equations.
+BeatMap curved_map() {
+  BeatMap map;
+  map.scales = {1, 1, 1};
+  map.beat = [](const std::vector<double>& x) {
+    return std::vector<double>{0.99 * x[0] + 0.01 * std::cos(x[1]), 0.5 * x[1] + 0.1 * std::sin(x[0]),
+                               0.2 * x[2] + std::sin(x[0])};
+  };
+  map.admit = [](std::vector<double>&) {};
+  return map;
+}
+}  // namespace
+
+TEST_CASE("all methods find the same cycle and Newton's multiplier is the eigenvalue") {
+  const BeatMap map = curved_map();
+  std::vector<double> exact = {0, 0, 0};
+  for (int beat = 0; beat < 10000; ++beat) exact = map.beat(exact);
+  for (const char* name : {"anderson", "newton", "kinsol", "pacing"}) {
+    LimitCycleSettings settings;
+    settings.method = limit_cycle_method(name);
+    settings.distance = 1e-8;
+    std::vector<double> x = {0, 0, 0};
+    const auto certificate = find_limit_cycle(map, settings, x);
+    INFO(name << " beats " << certificate.beats);
+    CHECK(certificate.verdict == LimitCycleVerdict::period_1);
+    for (int i = 0; i < 3; ++i) CHECK(x[i] == Approx(exact[i]).margin(3e-8));
+    if (std::string(name) != "pacing") CHECK(certificate.beats < 60);
+    if (std::string(name) == "newton" && certificate.beats > 10)
+      CHECK(certificate.multiplier == Approx(0.988).margin(3e-3));
+  }
+  CHECK_THROWS_WITH(limit_cycle_method("andersson"), Catch::Contains("did you mean 'anderson'"));
+}
+
+TEST_CASE("a map without a fixed point is refused by Newton in words") {
+  BeatMap map;
+  map.scales = {1};
+  map.beat = [](const std::vector<double>& x) { return std::vector<double>{x[0] + 0.1}; };
+  map.admit = [](std::vector<double>&) {};
+  LimitCycleSettings settings;
+  settings.method = LimitCycleMethod::newton;
+  settings.max_beats = 100;
+  std::vector<double> x = {0};
+  CHECK_THROWS_WITH(find_limit_cycle(map, settings, x), Catch::Contains("multiplier of one"));
 }
