@@ -41,15 +41,22 @@ class Rdq20Midpoint {
   template <class Constants>
   bool step(double h, N* y, const N* inputs, const Constants& c) const {
     const N v = -inputs[Rdq20::dSL_dt] / c.p[Rdq20::SL0];
+    Rdq20::Regulation<N> middle;
+    if (!step_regulation(h, y, inputs[Rdq20::Ca], inputs[Rdq20::SL], c, middle)) return false;
+    Rdq20::step_crossbridges(h, y, middle, v, c);
+    return true;
+  }
+
+  // The probabilities y[0..15] alone, and the regulation in the middle of the step.
+  template <class Constants>
+  bool step_regulation(double h, N* y, const N& calcium, const N& sarcomere_length, const Constants& c,
+                       Rdq20::Regulation<N>& at_middle) const {
     N middle[n];
     for (int i = 0; i < n; ++i) middle[i] = y[i];
-    if (!propagate(0.5 * h, middle, Rdq20::frozen_rates(y, inputs[Rdq20::Ca], inputs[Rdq20::SL], c), c))
-      return false;
-    const auto rates = Rdq20::frozen_rates(middle, inputs[Rdq20::Ca], inputs[Rdq20::SL], c);
-    const auto regulation = Rdq20::flow(middle, rates, c);
-    if (!propagate(h, y, rates, c)) return false;
-    Rdq20::step_crossbridges(h, y, regulation, v, c);
-    return true;
+    if (!propagate(0.5 * h, middle, Rdq20::frozen_rates(y, calcium, sarcomere_length, c), c)) return false;
+    const auto rates = Rdq20::frozen_rates(middle, calcium, sarcomere_length, c);
+    at_middle = Rdq20::flow(middle, rates, c);
+    return propagate(h, y, rates, c);
   }
 
  private:

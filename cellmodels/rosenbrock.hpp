@@ -191,33 +191,73 @@ class Rosenbrock4 final : public AdaptiveIntegrator {
     return std::sqrt(sum / n);
   }
 
-  // LU of diagonal I - J, partial pivoting, small and fixed: no general matrix class in the loop.
-  void factorise(double diagonal) {
+  // Gates of V alone couple to V and themselves: they are eliminated by hand, which leaves a small system of the other
+  // states. LU of that with partial pivoting; sizes are fixed, no general matrix class in the loop.
+  static constexpr std::array<bool, Model::states.size()> eliminated = [] {
+    std::array<bool, Model::states.size()> is{};
+    if constexpr (has_branch) is = Model::is_voltage_gate;
+    return is;
+  }();
+  static constexpr int n_left = [] {
+    int count = 0;
+    for (bool gone : eliminated) count += gone ? 0 : 1;
+    return count;
+  }();
+  static constexpr std::array<int, n_left> left = [] {
+    std::array<int, n_left> indexes{};
+    int at = 0;
     for (int i = 0; i < n; ++i)
-      for (int j = 0; j < n; ++j) lu_[i][j] = (i == j ? diagonal : 0.0) - jacobian_[i][j];
-    for (int k = 0; k < n; ++k) {
+      if (!eliminated[i]) indexes[at++] = i;
+    return indexes;
+  }();
+  static constexpr int potential = [] {  // V is the first of the states that are left
+    if constexpr (has_branch) return static_cast<int>(Model::membrane_potential);
+    return 0;
+  }();
+  static_assert(left[0] == potential);
+
+  void factorise(double diagonal) {
+    for (int a = 0; a < n_left; ++a)
+      for (int b = 0; b < n_left; ++b) lu_[a][b] = (a == b ? diagonal : 0.0) - jacobian_[left[a]][left[b]];
+    for (int g = 0; g < n; ++g) {
+      if (!eliminated[g]) continue;
+      gate_inverse_[g] = 1.0 / (diagonal - jacobian_[g][g]);
+      gate_slope_[g] = jacobian_[g][potential] * gate_inverse_[g];
+      for (int a = 0; a < n_left; ++a) lu_[a][0] -= jacobian_[left[a]][g] * gate_slope_[g];
+    }
+    for (int k = 0; k < n_left; ++k) {
       int pivot = k;
-      for (int i = k + 1; i < n; ++i)
+      for (int i = k + 1; i < n_left; ++i)
         if (std::abs(lu_[i][k]) > std::abs(lu_[pivot][k])) pivot = i;
       pivot_[k] = pivot;
       if (pivot != k) std::swap(lu_[k], lu_[pivot]);
       const double inverse = 1.0 / lu_[k][k];
-      for (int i = k + 1; i < n; ++i) {
+      inverse_[k] = inverse;
+      for (int i = k + 1; i < n_left; ++i) {
         const double factor = lu_[i][k] * inverse;
         lu_[i][k] = factor;
-        if (factor == 0.0) continue;  // many gates couple to V alone
-        for (int j = k + 1; j < n; ++j) lu_[i][j] -= factor * lu_[k][j];
+        for (int j = k + 1; j < n_left; ++j) lu_[i][j] -= factor * lu_[k][j];
       }
     }
   }
   void solve(State& b) const {
-    for (int k = 0; k < n; ++k) std::swap(b[k], b[pivot_[k]]);
-    for (int k = 0; k < n; ++k)
-      for (int i = k + 1; i < n; ++i) b[i] -= lu_[i][k] * b[k];
-    for (int k = n - 1; k >= 0; --k) {
-      for (int j = k + 1; j < n; ++j) b[k] -= lu_[k][j] * b[j];
-      b[k] /= lu_[k][k];
+    std::array<double, n_left> x;
+    for (int a = 0; a < n_left; ++a) x[a] = b[left[a]];
+    for (int g = 0; g < n; ++g) {
+      if (!eliminated[g]) continue;
+      const double share = gate_inverse_[g] * b[g];
+      for (int a = 0; a < n_left; ++a) x[a] += jacobian_[left[a]][g] * share;
     }
+    for (int k = 0; k < n_left; ++k) std::swap(x[k], x[pivot_[k]]);
+    for (int k = 0; k < n_left; ++k)
+      for (int i = k + 1; i < n_left; ++i) x[i] -= lu_[i][k] * x[k];
+    for (int k = n_left - 1; k >= 0; --k) {
+      for (int j = k + 1; j < n_left; ++j) x[k] -= lu_[k][j] * x[j];
+      x[k] *= inverse_[k];
+    }
+    for (int g = 0; g < n; ++g)
+      if (eliminated[g]) b[g] = gate_inverse_[g] * b[g] + gate_slope_[g] * x[0];
+    for (int a = 0; a < n_left; ++a) b[left[a]] = x[a];
   }
 
   Constants constants_;
@@ -226,8 +266,11 @@ class Rosenbrock4 final : public AdaptiveIntegrator {
   State absolute_{};
   double h_ = 0;
   AdaptiveCounts counts_;
-  std::array<std::array<double, Model::states.size()>, Model::states.size()> jacobian_{}, lu_{};
-  std::array<int, Model::states.size()> pivot_{};
+  std::array<State, Model::states.size()> jacobian_{};
+  std::array<std::array<double, n_left>, n_left> lu_{};
+  std::array<double, n_left> inverse_{};
+  std::array<int, n_left> pivot_{};
+  State gate_inverse_{}, gate_slope_{};
 };
 
 }  // namespace wiggers

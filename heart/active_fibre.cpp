@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <wiggers/cellmodels/rdq20_midpoint.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/heart/active_fibre.hpp>
 
@@ -33,8 +34,17 @@ void ActiveFibre::begin_step(double t, double dt) {
         "{}: sarcomere length {:.4g} um makes the calcium dissociation constant of RDQ20 negative: the "
         "wall is stretched beyond the force model. Check volumes and stiffness of this wall.",
         place_, SL));
-  regulation_ =
-      force_.step_regulation(bridges_.data(), cell_->calcium_uM(), SL, dt, settings_.regulatory_substeps);
+  const double calcium = cell_->calcium_uM();
+  if (settings_.regulation == RegulationScheme::midpoint) {
+    const double middle = calcium_before_ < 0 ? calcium : 0.5 * (calcium_before_ + calcium);
+    if (!Rdq20Midpoint<double>().step_regulation(dt, bridges_.data(), middle, SL, force_.constants(), regulation_))
+      throw NumericalFailure(fmt::format("{}: rates of RDQ20 at calcium {} uM are beyond a step of {} s; try a smaller "
+                                         "dt_s.",
+                                         place_, middle, dt));
+  } else {
+    regulation_ = force_.step_regulation(bridges_.data(), calcium, SL, dt, settings_.regulatory_substeps);
+  }
+  calcium_before_ = calcium;
   for (int i = 0; i < Rdq20::n_probabilities; ++i)
     if (!(bridges_[i] > -1e-6 && bridges_[i] < 1 + 1e-6))
       throw NumericalFailure(
@@ -83,7 +93,7 @@ void ActiveFibre::move_to(double stretch) {
 }
 
 void ActiveFibre::save(std::vector<double>& out) const {
-  out.insert(out.end(), {stretch_, stretch_before_, tension_});
+  out.insert(out.end(), {stretch_, stretch_before_, tension_, calcium_before_});
   out.insert(out.end(), bridges_.begin(), bridges_.end());
   cell_->save(out);
 }
@@ -92,6 +102,7 @@ void ActiveFibre::restore(std::span<const double>& in) {
   stretch_ = take_saved(in);
   stretch_before_ = take_saved(in);
   tension_ = take_saved(in);
+  calcium_before_ = take_saved(in);
   stiffness_ = 0;
   for (double& value : bridges_) value = take_saved(in);
   cell_->restore(in);

@@ -24,11 +24,19 @@ enum class RateScheme {
 };
 inline constexpr std::array<std::string_view, 3> rate_scheme_names = {"lagged", "implicit", "none"};
 
+// How the regulatory units of RDQ20 step.
+enum class RegulationScheme {
+  midpoint,      // frozen rates in two stages: second order, positive and conserving for every step
+  forward_euler  // sub-stepped, inputs held at the new time: the founding paper's
+};
+inline constexpr std::array<std::string_view, 2> regulation_scheme_names = {"frozen-midpoint", "forward-euler"};
+
 struct ActiveFibreSettings {
   bool active = true;                 // false: no active stress at all
   bool subtract_rest_tension = true;  // T_eff = max(0, T - steady tension at rest_calcium)
   double rest_calcium_uM = 0.1;
-  int regulatory_substeps = 40;
+  RegulationScheme regulation = RegulationScheme::forward_euler;
+  int regulatory_substeps = 40;  // forward_euler
   RateScheme rate = RateScheme::lagged;
   bool stabilise = true;
 };
@@ -69,6 +77,7 @@ class ActiveFibre {
   // State.
   std::array<double, 20> bridges_{};
   double stretch_ = 1, stretch_before_ = 1;  // at the start of the step, and one step earlier
+  double calcium_before_ = -1;  // at the start of the step; negative: not known yet
   // Of the current step.
   double tension_ = 0, stiffness_ = 0;  // kPa, rest tension removed
   double dt_ = 1;

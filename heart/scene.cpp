@@ -365,6 +365,10 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
   scene.electrophysiology_substep_ms = solver.number(keys::substep);
   scene.electrophysiology_integrator = solver.choice("electrophysiology_integrator", "rush-larsen",
                                                      as_strings(fixed_step_integrators()), "integrator");
+  const std::string regulation = solver.choice("regulation", regulation_scheme_names[1],
+                                               as_strings(regulation_scheme_names), "scheme of the regulatory units");
+  scene.regulation = regulation == regulation_scheme_names[0] ? RegulationScheme::midpoint
+                                                              : RegulationScheme::forward_euler;
   scene.regulatory_substep_us = solver.number(keys::ru_substep);
   const std::string rate = solver.choice("stretch_rate", rate_scheme_names[0], as_strings(rate_scheme_names),
                                          "stretch-rate scheme");
@@ -396,6 +400,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
     for (FibrePlan& fibre : wall.fibres) {
       fibre.settings.regulatory_substeps =
           std::max(1, static_cast<int>(std::ceil(scene.dt_s / substep_s - 1e-9)));
+      fibre.settings.regulation = scene.regulation;
       fibre.settings.rate = scene.rate;
       fibre.settings.stabilise = scene.stabilise_active_stress;
     }

@@ -62,7 +62,8 @@ struct Scene {
   double dt_s = 1e-3;
   double electrophysiology_substep_ms = 0.05;
   std::string electrophysiology_integrator;
-  double regulatory_substep_us = 25;
+  RegulationScheme regulation = RegulationScheme::forward_euler;
+  double regulatory_substep_us = 25;  // forward_euler
   RateScheme rate = RateScheme::lagged;
   bool stabilise_active_stress = true;
   bool stabilise_volumes = true;

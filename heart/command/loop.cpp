@@ -74,6 +74,7 @@ void add_loop(CLI::App& app) {
       settings.distance = o->distance;
       settings.max_beats = o->max_beats;
       settings.plain_beats = 2;
+      settings.relaxing_beats = 0;
       settings.method = method;
       summary.certificate = solver.to_limit_cycle(state, settings, [&](const LimitCycleCertificate& c) {
         progress.update(-1, fmt::format("beat {}, distance {:.1e}", c.beats, c.distance));

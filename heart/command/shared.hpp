@@ -24,7 +24,6 @@ void check_limit_cycle_options(double distance, int max_beats);
 std::string limit_cycle_failure(const LimitCycleCertificate& certificate);
 
 // Duration of the action potential at a share of repolarisation; crossings interpolated linearly.
-std::optional<double> action_potential_duration(const std::vector<double>& t, const std::vector<double>& V,
-                                                double repolarised);
+
 
 }  // namespace wiggers::command

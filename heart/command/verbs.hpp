@@ -14,5 +14,7 @@ void add_loop(CLI::App& app);
 void add_models(CLI::App& app);
 void add_report(CLI::App& app);
 void add_doctor(CLI::App& app);
+void add_trade(CLI::App& app);
+void add_extremes(CLI::App& app);
 
 }  // namespace wiggers::command

@@ -1,0 +1,128 @@
+#include <fmt/core.h>
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <memory>
+#include <wiggers/core/errors.hpp>
+#include <wiggers/core/files.hpp>
+#include <wiggers/core/settings.hpp>
+#include <wiggers/heart/trade.hpp>
+
+#include "report_program.hpp"
+#include "shared.hpp"
+#include "verbs.hpp"
+
+namespace wiggers::command {
+
+namespace {
+
+struct Options {
+  std::string subject, parameters, output;
+  std::vector<std::string> set, tolerances;
+  bool quiet = false;
+};
+
+void finish(const TradeStudy& study, const Options& o) {
+  const auto tolerances = read_tolerances(study, o.tolerances);
+  const auto chosen = recommended(study, tolerances);
+  fmt::print("{}", trade_table(study, tolerances.empty() ? std::nullopt : chosen));
+  if (!o.output.empty()) {
+    std::error_code code;
+    std::filesystem::create_directories(o.output, code);
+    write_trade(study, tolerances, o.output);
+    std::fflush(stdout);
+    const int status =
+        run_program({report_python(), (report_folder() / "make_trade.py").string(), o.output});
+    if (status != 0)
+      fmt::print(stderr, "wiggers: no picture: it needs Python with matplotlib (make setup installs them)\n");
+    fmt::print("\nwritten: {}\n", (std::filesystem::path(o.output) / "trade.json").string());
+  }
+  if (tolerances.empty()) return;
+  if (!chosen) throw NumericalFailure("no setting meets these tolerances; the table shows what each reaches");
+  fmt::print("\nrecommended: {}, {} ({:.3g} ms a beat)\n", study.rows[*chosen].method, study.rows[*chosen].setting,
+             1e3 * study.rows[*chosen].cost_s);
+}
+
+CLI::App* common(CLI::App* verb, const std::shared_ptr<Options>& o) {
+  verb->add_option("--tolerance", o->tolerances,
+                   "recommend the cheapest setting within: apd90=0.1ms; repeatable, see the table's measures")
+      ->take_all();
+  verb->add_option("-o,--output", o->output, "folder for trade.json, trade.md and trade.png");
+  verb->add_flag("--quiet", o->quiet, "no progress");
+  return verb;
+}
+
+Progress progress_of(const Options& o, const std::string& name) {
+  if (!o.output.empty() && std::filesystem::exists(o.output) && !std::filesystem::is_directory(o.output))
+    throw InputError(fmt::format("-o: '{}' is a file; name a folder", o.output));
+  return {name, o.quiet ? Progress::Style::quiet : Progress::Style::automatic};
+}
+
+}  // namespace
+
+void add_trade(CLI::App& app) {
+  CLI::App* trade = app.add_subcommand("trade", "Error against cost: every setting of a method, measured here and now");
+  trade->require_subcommand(1);
+  {
+    auto o = std::make_shared<Options>();
+    CLI::App* verb = common(trade->add_subcommand("cell", "Integrators, steps, tables and precisions of an ionic cell"), o);
+    verb->add_option("model", o->subject, "cell model, see wiggers models")->required();
+    verb->add_option("--parameters", o->parameters, "named parameter set [the model's first]");
+    verb->add_option("--set", o->set, "change a parameter: name=value")->take_all();
+    verb->callback([o] {
+      const CellModel& model = find_model(o->subject);
+      if (!model.is_ionic()) throw InputError(fmt::format("{} is a force model: see wiggers trade force", model.name));
+      const auto parameters = parameters_from(model, o->parameters, o->set);
+      Progress progress = progress_of(*o, "trade cell");
+      const TradeStudy study = trade_cell(model, parameters, progress);
+      progress.finish();
+      finish(study, *o);
+    });
+  }
+  {
+    auto o = std::make_shared<Options>();
+    o->subject = "fedele2023-ventricles";
+    CLI::App* verb = common(trade->add_subcommand("force", "Schemes, steps and sub-steps of RDQ20"), o);
+    verb->add_option("parameters", o->subject, "parameter set of rdq20 [fedele2023-ventricles]");
+    verb->callback([o] {
+      (void)find_model("rdq20").parameter_values(o->subject);
+      Progress progress = progress_of(*o, "trade force");
+      const TradeStudy study = trade_force(o->subject, progress);
+      progress.finish();
+      finish(study, *o);
+    });
+  }
+  {
+    auto o = std::make_shared<Options>();
+    CLI::App* verb = common(trade->add_subcommand("loop", "Integrators, steps and tolerances of a 0D loop"), o);
+    verb->add_option("file", o->subject, "loop file (TOML) [the set wiggers-healthy-0d]");
+    verb->add_option("--set", o->set, "change a key of the file: elastance.LV.EA=3")->take_all();
+    verb->callback([o] {
+      Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
+      if (!o->subject.empty()) {
+        auto table = parse_settings_file(o->subject);
+        for (const std::string& assignment : o->set) override_setting(*table, assignment);
+        SettingsReader reader(table, std::filesystem::path(o->subject).filename().string());
+        loop = read_loop(reader);
+      }
+      Progress progress = progress_of(*o, "trade loop");
+      const TradeStudy study = trade_loop(loop, progress);
+      progress.finish();
+      finish(study, *o);
+    });
+  }
+  {
+    auto o = std::make_shared<Options>();
+    CLI::App* verb = common(trade->add_subcommand("heart", "Steps and schemes of a scene"), o);
+    verb->add_option("scene", o->subject, "scene file (TOML)")->required();
+    verb->add_option("--set", o->set, "change a key of the scene")->take_all();
+    verb->callback([o] {
+      Progress progress = progress_of(*o, "trade heart");
+      const TradeStudy study = trade_heart(o->subject, o->set, progress);
+      progress.finish();
+      finish(study, *o);
+    });
+  }
+}
+
+}  // namespace wiggers::command

@@ -1,0 +1,80 @@
+"""Draws error against cost of a trade study, with its Pareto front.
+
+Usage: make_trade.py FOLDER      (reads FOLDER/trade.json, writes FOLDER/trade.png and .svg)
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt  # noqa: E402
+from figures import STYLE  # noqa: E402
+
+
+def draw(study):
+    measure = study["measures"][0]
+    rows = [row for row in study["rows"] if "errors" in row]
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(figsize=(7.5, 5))
+        floor = 0.5 * min(row["errors"][0] for row in rows if row["errors"][0] > 0)
+        for k, method in enumerate(methods):
+            mine = sorted((row for row in rows if row["method"] == method), key=lambda row: row["cost_s"])
+            axes.plot(
+                [1e3 * row["cost_s"] for row in mine],
+                [max(row["errors"][0], floor) for row in mine],
+                marker="osD^v<>pP*"[k % 10],
+                markersize=4,
+                linewidth=0.8,
+                color=plt.get_cmap("tab20")(k % 20),
+                label=method,
+            )
+        front = [row for row in rows if row.get("pareto")]
+        front.sort(key=lambda row: row["cost_s"])
+        axes.plot(
+            [1e3 * row["cost_s"] for row in front],
+            [max(row["errors"][0], floor) for row in front],
+            color="#bbbbbb",
+            linewidth=6,
+            alpha=0.6,
+            zorder=0,
+            label="Pareto front",
+        )
+        for row in rows:
+            if row.get("recommended"):
+                axes.annotate(
+                    f"{row['method']}, {row['setting']}",
+                    (1e3 * row["cost_s"], max(row["errors"][0], floor)),
+                    textcoords="offset points",
+                    xytext=(8, 8),
+                    fontsize=8,
+                )
+        unit = "" if measure["unit"] == "1" else f" [{measure['unit']}]"
+        axes.set(
+            xscale="log",
+            yscale="log",
+            xlabel="cost of a beat [ms, one core]",
+            ylabel=f"{measure['meaning']}: error{unit}",
+            title=study["subject"],
+        )
+        axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
+        figure.tight_layout()
+    return figure
+
+
+def main(folder):
+    folder = Path(folder)
+    figure = draw(json.loads((folder / "trade.json").read_text()))
+    for ending in ("png", "svg"):
+        figure.savefig(folder / f"trade.{ending}", dpi=160)
+    print(f"picture: {folder / 'trade.png'}")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit(__doc__)
+    main(sys.argv[1])
