@@ -91,16 +91,18 @@ class Rdq20Midpoint {
       centre[i] = centre[i] * per_L;
       calcium[i] = calcium[i] * per_L;
     }
+    // The weights sum to one, up to rounding in every term; the sum of the probabilities is kept exactly.
+    N before(0.0);
+    for (int i = 0; i < n; ++i) before = before + x[i];
     for (int part = 0; part < parts; ++part) {
       N power[n], sum[n];
-      double weight = std::exp(-z), total = weight;
+      double weight = std::exp(-z);
       for (int i = 0; i < n; ++i) {
         power[i] = x[i];
         sum[i] = weight * x[i];
       }
       for (int term = 1; term < terms; ++term) {
         weight *= z / term;
-        total += weight;
         N next[n];
         for (int i = 0; i < n; ++i) {
           const int a = i >> 3, b = (i >> 2) & 1, cc = (i >> 1) & 1;
@@ -112,7 +114,9 @@ class Rdq20Midpoint {
           sum[i] = sum[i] + weight * next[i];
         }
       }
-      const double normalise = 1.0 / total;
+      N after(0.0);
+      for (int i = 0; i < n; ++i) after = after + sum[i];
+      const N normalise = before / after;
       for (int i = 0; i < n; ++i) x[i] = sum[i] * normalise;
     }
     return true;

@@ -133,6 +133,14 @@ void HeartDriver::step(double t, BeatAudit& audit) {
   CirculationValues rates;
   circulation_rates<double>(circulation_, y_.data(), p_.data(), Q_, rates.data());
   audit.dissipated_mmHg_mL += dt * dissipated_power(circulation_, y_.data(), p_.data(), Q_);
+  if (settings_.implicit_inductors) {
+    const CircuitParameters& s = circulation_.circuits[SYS];
+    const CircuitParameters& l = circulation_.circuits[PUL];
+    rates[Q_AR_SYS] /= 1 + dt * s.R_AR / s.L_AR;
+    rates[Q_VEN_SYS] /= 1 + dt * s.R_VEN / s.L_VEN;
+    rates[Q_AR_PUL] /= 1 + dt * l.R_AR / l.L_AR;
+    rates[Q_VEN_PUL] /= 1 + dt * l.R_VEN / l.L_VEN;
+  }
   for (int k = 0; k < n_circulation_states; ++k) y_[k] += dt * rates[k];
   for (int c = 0; c < n_chambers; ++c) {
     audit.chamber_work_mmHg_mL -= p_[c] * dt * rates[c];
@@ -144,7 +152,8 @@ void HeartDriver::step(double t, BeatAudit& audit) {
       throw NumericalFailure(
           fmt::format("the circulation diverged at t = {:.4f} s of the beat: {} = {:.3g} {}. Its explicit "
                       "step is stable below "
-                      "{:.2f} ms (2 L/R of the stiffest branch); dt_s is {} s.",
+                      "{:.2f} ms (2 L/R of the stiffest branch); dt_s is {} s. Take a smaller step, or "
+                      "solver.inductors = \"implicit\".",
                       t + dt, circulation_state_quantities[k].name, y_[k],
                       circulation_state_quantities[k].unit, 1e3 * largest_explicit_step(circulation_), dt));
 }

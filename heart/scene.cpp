@@ -374,6 +374,9 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
                                          "stretch-rate scheme");
   for (std::size_t k = 0; k < rate_scheme_names.size(); ++k)
     if (rate == rate_scheme_names[k]) scene.rate = static_cast<RateScheme>(k);
+  const std::vector<std::string> inductors = {"explicit", "implicit"};
+  scene.implicit_inductors =
+      solver.choice("inductors", inductors[0], inductors, "treatment of the inductors") == inductors[1];
   SettingsReader& stabilise = solver.table("stabilise");
   scene.stabilise_active_stress = stabilise.flag("active_stress", true);
   scene.stabilise_volumes = stabilise.flag("volumes", true);

@@ -67,6 +67,7 @@ struct Scene {
   RateScheme rate = RateScheme::lagged;
   bool stabilise_active_stress = true;
   bool stabilise_volumes = true;
+  bool implicit_inductors = false;
   bool until_limit_cycle = true;
   int beats = 0;
   LimitCycleSettings limit_cycle;

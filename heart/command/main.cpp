@@ -24,6 +24,7 @@ int main(int argc, char** argv) {
   command::add_report(app);
   command::add_doctor(app);
   command::add_trade(app);
+  command::add_extremes(app);
   const auto say = [](const char* kind, const std::exception& error) {
     std::fflush(stdout);
     std::fprintf(stderr, "wiggers: %s: %s\n", kind, error.what());
