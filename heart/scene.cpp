@@ -50,7 +50,7 @@ constexpr Quantity robin_k{"epicardial_stiffness_Pa_per_m",         "Pa/m", 0, 0
 constexpr Quantity robin_c{"epicardial_damping_Pa_s_per_m",          "Pa s/m", 0, 0, 1e7,
                            "surroundings: dashpot on the epicardium"};
 constexpr Quantity dt{"dt_s", "s", 1e-3, 1e-6, 0.05, "step of mechanics and circulation; divides the period"};
-constexpr Quantity substep{"electrophysiology_substep_ms", "ms", 0.05, 1e-4, 1, "step of the ionic cells"};
+constexpr Quantity substep{"electrophysiology_substep_ms", "ms", 0.1, 1e-4, 1, "step of the ionic cells"};
 constexpr Quantity ru_substep{"regulatory_substep_us",           "us", 25, 0.1, 1000,
                               "step of RDQ20's regulatory units"};
 constexpr Quantity beats{"beats", "1", 1, 1, 1e6, "number of beats to run"};
@@ -363,14 +363,14 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
                     solver.place("dt_s"), scene.dt_s, scene.period_s,
                     scene.period_s / std::max(10.0, std::round(steps))));
   scene.electrophysiology_substep_ms = solver.number(keys::substep);
-  scene.electrophysiology_integrator = solver.choice("electrophysiology_integrator", "rush-larsen",
+  scene.electrophysiology_integrator = solver.choice("electrophysiology_integrator", "rush-larsen-2",
                                                      as_strings(fixed_step_integrators()), "integrator");
-  const std::string regulation = solver.choice("regulation", regulation_scheme_names[1],
+  const std::string regulation = solver.choice("regulation", regulation_scheme_names[0],
                                                as_strings(regulation_scheme_names), "scheme of the regulatory units");
   scene.regulation = regulation == regulation_scheme_names[0] ? RegulationScheme::midpoint
                                                               : RegulationScheme::forward_euler;
   scene.regulatory_substep_us = solver.number(keys::ru_substep);
-  const std::string rate = solver.choice("stretch_rate", rate_scheme_names[0], as_strings(rate_scheme_names),
+  const std::string rate = solver.choice("stretch_rate", rate_scheme_names[1], as_strings(rate_scheme_names),
                                          "stretch-rate scheme");
   for (std::size_t k = 0; k < rate_scheme_names.size(); ++k)
     if (rate == rate_scheme_names[k]) scene.rate = static_cast<RateScheme>(k);

@@ -11,6 +11,7 @@
 #include <wiggers/core/progress.hpp>
 #include <wiggers/core/result_file.hpp>
 #include <wiggers/core/table.hpp>
+#include <wiggers/heart/accuracy.hpp>
 
 #include "shared.hpp"
 #include "verbs.hpp"
@@ -20,7 +21,7 @@ namespace wiggers::command {
 namespace {
 
 struct Options {
-  std::string model, parameters, integrator = "cvode", until, output, rhs, start, final_state;
+  std::string accuracy, model, parameters, integrator = "cvode", until, output, rhs, start, final_state;
   std::vector<std::string> set;
   double period_ms = 1000, dt_ms = 0.02, rtol = 1e-8, atol = 1e-10, sample_ms = 1, distance = 1e-6;
   double stimulus = 0, duration_ms = 0, onset_ms = 0;
@@ -250,7 +251,9 @@ void add_cell(CLI::App& app) {
                    "limit-cycle search: anderson | newton | kinsol | pacing [anderson]");
   verb->add_option("--distance", o->distance, "scaled distance to the limit cycle, 1 [1e-6]");
   verb->add_option("--max-beats", o->max_beats, "give up on the limit cycle after so many beats [2000]");
-  verb->add_option(
+  CLI::Option* accuracy = verb->add_option(
+      "--accuracy", o->accuracy, "draft | standard | reference: integrator and tolerance together [standard]");
+  CLI::Option* integrator = verb->add_option(
       "--integrator", o->integrator,
       "adaptive: cvode | rosenbrock | odeint-rosenbrock4 | odeint-dopri5; fixed steps: rush-larsen | "
       "rush-larsen-2 | generalised-rush-larsen | generalised-rush-larsen-2 | bdf2-imex | forward-euler "
@@ -272,7 +275,14 @@ void add_cell(CLI::App& app) {
   verb->add_option("-o,--output", o->output, "CSV or HDF5 (.h5) file of the last beat");
   verb->add_flag("--quiet", o->quiet, "no progress");
   verb->add_flag("--json", o->json, "end standard output with one line of JSON");
+  accuracy->excludes(integrator);
   verb->callback([o, stimulus, duration, atol] {
+    if (!o->accuracy.empty()) {
+      const CellAccuracy& chosen = cell_accuracy(o->accuracy);
+      o->integrator = chosen.integrator.name;
+      o->rtol = chosen.integrator.relative_tolerance;
+      fmt::print("accuracy {}: {}\n", chosen.name, chosen.expected);
+    }
     if (atol->count() == 0) o->atol = std::max(1e-16, 0.01 * o->rtol);
     const CellModel& model = find_model(o->model);
     o->stimulus_given = stimulus->count() > 0;

@@ -8,6 +8,7 @@
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
 #include <wiggers/core/progress.hpp>
+#include <wiggers/heart/accuracy.hpp>
 #include <wiggers/heart/summary.hpp>
 
 #include "shared.hpp"
@@ -17,7 +18,7 @@ namespace wiggers::command {
 
 void add_loop(CLI::App& app) {
   struct Options {
-    std::string file, until, output, method = "anderson";
+    std::string accuracy, file, until, output, method = "anderson";
     std::vector<std::string> set;
     LoopIntegrator integrator;
     double sample_ms = 1, distance = 1e-8;
@@ -34,7 +35,10 @@ void add_loop(CLI::App& app) {
                    "limit-cycle search: anderson | newton | kinsol | pacing [anderson]");
   verb->add_option("--distance", o->distance, "scaled distance to the limit cycle, 1 [1e-8]");
   verb->add_option("--max-beats", o->max_beats, "give up on the limit cycle after so many beats [500]");
-  verb->add_option("--integrator", o->integrator.name, "cvode | forward-euler | runge-kutta-4 [cvode]");
+  CLI::Option* accuracy = verb->add_option(
+      "--accuracy", o->accuracy, "draft | standard | reference: integrator and step together [standard]");
+  CLI::Option* integrator =
+      verb->add_option("--integrator", o->integrator.name, "cvode | forward-euler | runge-kutta-4 [cvode]");
   verb->add_option("--dt-s", o->integrator.dt_s, "step of the fixed-step integrators, s [1e-3]");
   verb->add_option("--rtol", o->integrator.relative_tolerance, "relative tolerance of cvode, 1 [1e-9]");
   verb->add_option("--atol", o->integrator.absolute_tolerance,
@@ -43,7 +47,13 @@ void add_loop(CLI::App& app) {
   verb->add_option("-o,--output", o->output, "CSV file of the last beat");
   verb->add_flag("--quiet", o->quiet, "no progress");
   verb->add_flag("--json", o->json, "end standard output with one line of JSON");
+  accuracy->excludes(integrator);
   verb->callback([o] {
+    if (!o->accuracy.empty()) {
+      const LoopAccuracy& chosen = loop_accuracy(o->accuracy);
+      o->integrator = chosen.integrator;
+      fmt::print("accuracy {}: {}\n", chosen.name, chosen.expected);
+    }
     const bool to_cycle = end_of_run(o->until, o->beats);
     const LimitCycleMethod method = limit_cycle_method(o->method);
     refuse_overwriting(o->output, "-o", o->file);

@@ -3,6 +3,7 @@
 #include <memory>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
+#include <wiggers/heart/accuracy.hpp>
 #include <wiggers/heart/run.hpp>
 #include <wiggers/heart/summary.hpp>
 
@@ -13,7 +14,7 @@ namespace wiggers::command {
 
 void add_run(CLI::App& app) {
   struct Options {
-    std::string scene, output, resume;
+    std::string accuracy, scene, output, resume;
     std::vector<std::string> set;
     bool quiet = false, json = false;
   };
@@ -22,13 +23,22 @@ void add_run(CLI::App& app) {
   verb->add_option("scene", o->scene, "scene file (TOML)")->required();
   verb->add_option("-o,--output", o->output, "result file (HDF5); also the checkpoint of the run");
   verb->add_option("--set", o->set, "change a key of the scene: walls.LV.activation_ms=150")->take_all();
+  verb->add_option("--accuracy", o->accuracy,
+                   "draft | standard | reference | founding: the scene's solver settings together; --set goes on top");
   verb->add_option("--resume", o->resume, "continue from this result file of the same scene");
   verb->add_flag("--quiet", o->quiet, "no progress");
   verb->add_flag("--json", o->json, "end standard output with one line of JSON");
   verb->callback([o] {
     const auto style = o->quiet ? Progress::Style::quiet : Progress::Style::automatic;
     refuse_overwriting(o->output, "-o", o->scene);
-    HeartRun run(read_scene(o->scene, o->set));
+    std::vector<std::string> overrides;
+    if (!o->accuracy.empty()) {
+      const HeartAccuracy& chosen = heart_accuracy(o->accuracy);
+      overrides = chosen.overrides;
+      fmt::print("accuracy {}: {}\n", chosen.name, chosen.expected);
+    }
+    overrides.insert(overrides.end(), o->set.begin(), o->set.end());
+    HeartRun run(read_scene(o->scene, overrides));
     // A resumed run goes on in the file it came from, unless another is named.
     std::optional<std::filesystem::path> result;
     if (!o->output.empty()) result = o->output;

@@ -232,10 +232,10 @@ def test_models_check_doctor_and_help(wiggers):
     assert "wiggers-healthy-0d" in wiggers("models", "circulation", "--sets").out
     assert wiggers("check", SCENES / "whole_heart.toml").status == 0
     full = wiggers("check", SCENES / "no_rate_feedback.toml", "--full").out
-    assert 'stretch_rate = "none"' in full and "electrophysiology_substep_ms = 0.05" in full
+    assert 'stretch_rate = "none"' in full and "electrophysiology_substep_ms = 0.1" in full
     doctor = wiggers("doctor")
     assert doctor.status == 0 and "healthy" in doctor.out
-    for verb in ("run", "check", "cell", "force", "loop", "models", "report", "doctor"):
+    for verb in ("run", "check", "cell", "force", "loop", "models", "report", "doctor", "trade", "extremes"):
         assert wiggers(verb, "--help").status == 0
 
 
