@@ -191,8 +191,8 @@ class Rosenbrock4 final : public AdaptiveIntegrator {
     return std::sqrt(sum / n);
   }
 
-  // Gates of V alone couple to V and themselves: they are eliminated by hand, which leaves a small system of the other
-  // states. LU of that with partial pivoting; sizes are fixed, no general matrix class in the loop.
+  // Gates of V alone couple to V and themselves: they are eliminated by hand, which leaves a small system of
+  // the other states. LU of that with partial pivoting; sizes are fixed, no general matrix class in the loop.
   static constexpr std::array<bool, Model::states.size()> eliminated = [] {
     std::array<bool, Model::states.size()> is{};
     if constexpr (has_branch) is = Model::is_voltage_gate;

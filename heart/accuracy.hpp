@@ -1,6 +1,6 @@
-// Named settings of cells, loops and hearts: the points on the trade curves that the toolkit offers by one word. The
-// expected errors are what `wiggers trade` measures for them (docs/trade.md has the tables); beside each stands what
-// it is meant to keep.
+// Named settings of cells, loops and hearts: the points on the trade curves that the toolkit offers by one
+// word. The expected errors are what `wiggers trade` measures for them (docs/trade.md has the tables); beside
+// each stands what it is meant to keep.
 #pragma once
 
 #include <string>
@@ -27,8 +27,8 @@ struct HeartAccuracy {
   std::string_view expected;
 };
 
-// draft | standard | reference; hearts also know `founding`, the scheme of the whole-heart paper. Each refuses an
-// unknown name with the nearest.
+// draft | standard | reference; hearts also know `founding`, the scheme of the whole-heart paper. Each
+// refuses an unknown name with the nearest.
 const CellAccuracy& cell_accuracy(std::string_view name);
 const LoopAccuracy& loop_accuracy(std::string_view name);
 const HeartAccuracy& heart_accuracy(std::string_view name);

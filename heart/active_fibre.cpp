@@ -37,10 +37,12 @@ void ActiveFibre::begin_step(double t, double dt) {
   const double calcium = cell_->calcium_uM();
   if (settings_.regulation == RegulationScheme::midpoint) {
     const double middle = calcium_before_ < 0 ? calcium : 0.5 * (calcium_before_ + calcium);
-    if (!Rdq20Midpoint<double>().step_regulation(dt, bridges_.data(), middle, SL, force_.constants(), regulation_))
-      throw NumericalFailure(fmt::format("{}: rates of RDQ20 at calcium {} uM are beyond a step of {} s; try a smaller "
-                                         "dt_s.",
-                                         place_, middle, dt));
+    if (!Rdq20Midpoint<double>().step_regulation(dt, bridges_.data(), middle, SL, force_.constants(),
+                                                 regulation_))
+      throw NumericalFailure(
+          fmt::format("{}: rates of RDQ20 at calcium {} uM are beyond a step of {} s; try a smaller "
+                      "dt_s.",
+                      place_, middle, dt));
   } else {
     regulation_ = force_.step_regulation(bridges_.data(), calcium, SL, dt, settings_.regulatory_substeps);
   }

@@ -29,7 +29,8 @@ enum class RegulationScheme {
   midpoint,      // frozen rates in two stages: second order, positive and conserving for every step
   forward_euler  // sub-stepped, inputs held at the new time: the founding paper's
 };
-inline constexpr std::array<std::string_view, 2> regulation_scheme_names = {"frozen-midpoint", "forward-euler"};
+inline constexpr std::array<std::string_view, 2> regulation_scheme_names = {"frozen-midpoint",
+                                                                            "forward-euler"};
 
 struct ActiveFibreSettings {
   bool active = true;                 // false: no active stress at all
@@ -77,7 +78,7 @@ class ActiveFibre {
   // State.
   std::array<double, 20> bridges_{};
   double stretch_ = 1, stretch_before_ = 1;  // at the start of the step, and one step earlier
-  double calcium_before_ = -1;  // at the start of the step; negative: not known yet
+  double calcium_before_ = -1;               // at the start of the step; negative: not known yet
   // Of the current step.
   double tension_ = 0, stiffness_ = 0;  // kPa, rest tension removed
   double dt_ = 1;

@@ -6,7 +6,8 @@
 //        plain:       V = V_0D^n
 //        stabilised:  V = V_0D^n + dt (venous inflow^n +- valve flows at p^{n+1})
 //   3. every wall: accept_step
-//   4. circulation by explicit Euler with the new pressures. Its inductors limit the step to 2 L/R (3.85 ms for the
+//   4. circulation by explicit Euler with the new pressures. Its inductors limit the step to 2 L/R (3.85 ms
+//   for the
 //      systemic veins of the founding paper); damped implicitly, dQ = dt (dp - R Q)/(L + dt R), they do not.
 // Stabilised, the wall's volumes equal the circulation's new ones to Newton's tolerance at every step.
 #pragma once

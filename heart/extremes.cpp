@@ -49,16 +49,20 @@ void book_draw(DrawOutcome& outcome, const std::string& what, const std::functio
 }
 
 std::string extremes_table(const ExtremesStudy& study) {
-  std::string text = fmt::format("{}\n\n| scheme | condition | largest stable step, {} | {} | {} | |\n|---|---|---|---|---|---|\n",
-                                 study.subject, study.step_unit, study.accurate_means, study.roughly_means);
-  const auto cell = [](const std::optional<double>& h) { return h ? fmt::format("{:.3g}", *h) : std::string("none"); };
+  std::string text = fmt::format(
+      "{}\n\n| scheme | condition | largest stable step, {} | {} | {} | |\n|---|---|---|---|---|---|\n",
+      study.subject, study.step_unit, study.accurate_means, study.roughly_means);
+  const auto cell = [](const std::optional<double>& h) {
+    return h ? fmt::format("{:.3g}", *h) : std::string("none");
+  };
   for (const StabilityRow& row : study.rows)
     text += fmt::format("| {} | {} | {} | {} | {} | {} |\n", row.scheme, row.condition, cell(row.stable),
                         cell(row.accurate), cell(row.roughly), row.note);
   const DrawOutcome& d = study.draws;
   if (d.draws > 0) {
-    text += fmt::format("\n{} random draws: {} completed, {} refused, {} failed with a reason, {} unexplained\n", d.draws,
-                        d.completed, d.refused, d.failed, d.unexplained.size());
+    text +=
+        fmt::format("\n{} random draws: {} completed, {} refused, {} failed with a reason, {} unexplained\n",
+                    d.draws, d.completed, d.refused, d.failed, d.unexplained.size());
     for (const auto& [reason, count] : d.reasons) text += fmt::format("  {:5}  {}\n", count, reason);
     for (const std::string& what : d.unexplained) text += fmt::format("  UNEXPLAINED  {}\n", what);
   }

@@ -1,5 +1,6 @@
-// What the methods bear: the largest stable and the largest accurate step of every scheme under harsh conditions, and
-// random draws far outside the usual, each of which must end in a physical answer or an explained failure.
+// What the methods bear: the largest stable and the largest accurate step of every scheme under harsh
+// conditions, and random draws far outside the usual, each of which must end in a physical answer or an
+// explained failure.
 #pragma once
 
 #include <filesystem>
@@ -17,16 +18,17 @@ namespace wiggers {
 // One scheme under one condition. Steps in the subject's unit; nothing if no step of the search serves.
 struct StabilityRow {
   std::string scheme, condition;
-  std::optional<double> stable;     // completes with physical states
-  std::optional<double> accurate;   // the first measure within its first bar
-  std::optional<double> roughly;    // within its second bar
-  std::string note;                 // why the step above the stable one fails
+  std::optional<double> stable;    // completes with physical states
+  std::optional<double> accurate;  // the first measure within its first bar
+  std::optional<double> roughly;   // within its second bar
+  std::string note;                // why the step above the stable one fails
 };
 
 struct DrawOutcome {
   long draws = 0, completed = 0, refused = 0, failed = 0;
   std::map<std::string, long> reasons;  // of refusals and failures, shortened, with their number
-  std::vector<std::string> unexplained; // what must not be: a value that is no number, an unknown exception, a hang
+  std::vector<std::string>
+      unexplained;  // what must not be: a value that is no number, an unknown exception, a hang
 };
 
 struct ExtremesStudy {
@@ -36,7 +38,7 @@ struct ExtremesStudy {
 };
 
 struct ExtremesSettings {
-  int beats = 10;   // a step is stable if so many beats complete
+  int beats = 10;  // a step is stable if so many beats complete
   int draws = 1000;
   unsigned seed = 1;
 };
@@ -53,8 +55,8 @@ void write_extremes(const ExtremesStudy& study, const std::filesystem::path& pat
 // The largest step in (smallest, largest) for which `good` holds, to 10 %: descends by halves, then bisects.
 std::optional<double> largest_step(double smallest, double largest, const std::function<bool(double)>& good);
 
-// Runs one draw and books its outcome; `work` throws InputError or NumericalFailure, or returns whether all its
-// numbers are finite and physical. `what` describes the draw.
+// Runs one draw and books its outcome; `work` throws InputError or NumericalFailure, or returns whether all
+// its numbers are finite and physical. `what` describes the draw.
 void book_draw(DrawOutcome& outcome, const std::string& what, const std::function<bool()>& work);
 
 }  // namespace wiggers

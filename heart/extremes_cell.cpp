@@ -24,7 +24,8 @@ struct Condition {
 
 std::vector<Condition> conditions(const CellModel& model) {
   const StimulusPulse pulse{-25.71, 3, 0};
-  const Condition base{"60 beats a minute", {1000, pulse}, model.parameter_values("default"), model.default_state()};
+  const Condition base{
+      "60 beats a minute", {1000, pulse}, model.parameter_values("default"), model.default_state()};
   std::vector<Condition> list = {base};
   const auto add = [&](std::string name, const std::function<void(Condition&)>& change) {
     Condition c = base;
@@ -37,7 +38,8 @@ std::vector<Condition> conditions(const CellModel& model) {
   add("no stimulus", [](Condition& c) { c.protocol.stimulus = {0, 0, 0}; });
   add("stimulus x 2", [](Condition& c) { c.protocol.stimulus.amplitude_A_per_F *= 2; });
   for (double V : {-40.0, 0.0, 15.0})
-    add(fmt::format("start at {} mV", V), [&](Condition& c) { c.start[static_cast<std::size_t>(model.membrane_potential)] = V; });
+    add(fmt::format("start at {} mV", V),
+        [&](Condition& c) { c.start[static_cast<std::size_t>(model.membrane_potential)] = V; });
   for (double K_o : {3.0, 8.0})
     add(fmt::format("K_o {} mM", K_o),
         [&](Condition& c) { c.parameters[require_index(model.parameters, "parameter", "K_o")] = K_o; });
@@ -69,7 +71,8 @@ std::optional<double> apd(const CellModel& model, const Condition& c, const Cell
 
 ExtremesStudy extremes_cell(const CellModel& model, const ExtremesSettings& settings, Progress& progress) {
   ExtremesStudy study;
-  study.subject = fmt::format("{}: a step is stable if {} beats complete with physical states", model.name, settings.beats);
+  study.subject = fmt::format("{}: a step is stable if {} beats complete with physical states", model.name,
+                              settings.beats);
   study.step_unit = "ms";
   study.accurate_means = "APD90 within 1 ms up to, ms";
   study.roughly_means = "APD90 within 5 % up to, ms";
@@ -95,7 +98,8 @@ ExtremesStudy extremes_cell(const CellModel& model, const ExtremesSettings& sett
           const std::string text = failure.what();
           const auto from = text.find("state "), to = text.find(" left");
           if (from != std::string::npos && to != std::string::npos)
-            row.note = fmt::format("above: {} out of range", text.substr(from + 6, text.find(' ', from + 6) - from - 6));
+            row.note = fmt::format("above: {} out of range",
+                                   text.substr(from + 6, text.find(' ', from + 6) - from - 6));
           return false;
         }
       });
@@ -133,7 +137,8 @@ ExtremesStudy extremes_cell(const CellModel& model, const ExtremesSettings& sett
     for (std::size_t i = 0; i < c.start.size(); ++i) {
       const Quantity& q = model.states[i];
       if (static_cast<int>(i) == model.membrane_potential)
-        c.start[i] = unit(random) < 0.5 ? pick(singular) + 1e-9 * (unit(random) - 0.5) : -120 + 180 * unit(random);
+        c.start[i] =
+            unit(random) < 0.5 ? pick(singular) + 1e-9 * (unit(random) - 0.5) : -120 + 180 * unit(random);
       else if (q.unit == "mM")
         c.start[i] *= std::pow(10.0, 2 * unit(random) - 1);
       else
@@ -161,7 +166,8 @@ ExtremesStudy extremes_cell(const CellModel& model, const ExtremesSettings& sett
 ExtremesStudy extremes_force(const ExtremesSettings& settings, Progress& progress) {
   ExtremesStudy study;
   study.subject =
-      "rdq20: calcium 0.1 -> 10 uM at once, held 100 ms, and back; stable: probabilities in [-1e-10, 1], sum 1 within 1e-12";
+      "rdq20: calcium 0.1 -> 10 uM at once, held 100 ms, and back; stable: probabilities in [-1e-10, 1], sum "
+      "1 within 1e-12";
   study.step_unit = "ms";
   study.accurate_means = "tension within 1 % of its peak up to, ms";
   study.roughly_means = "within 5 % up to, ms";
@@ -180,7 +186,8 @@ ExtremesStudy extremes_force(const ExtremesSettings& settings, Progress& progres
     const Rdq20Stepper stepper(parameters);
     const std::string condition = fmt::format("{}, SL {} um, rate {} um/s", c.set, c.SL, c.rate);
     if (Rdq20::dissociation_constant(c.SL, parameters.data()) <= 0) {
-      study.rows.push_back({"any", condition, {}, {}, {}, "refused: dissociation constant not positive at this length"});
+      study.rows.push_back(
+          {"any", condition, {}, {}, {}, "refused: dissociation constant not positive at this length"});
       continue;
     }
     // The length stands still while the rate acts: how a staggered step sees a fast stretch.
@@ -221,7 +228,8 @@ ExtremesStudy extremes_force(const ExtremesSettings& settings, Progress& progres
         double error = 0;
         const auto stride = static_cast<std::size_t>(std::lround(h / 0.01));
         for (std::size_t k = 0; k < T.size(); ++k)
-          error = std::max(error, std::abs(T[k] - exact[std::min((k + 1) * stride - 1, exact.size() - 1)]) / top);
+          error =
+              std::max(error, std::abs(T[k] - exact[std::min((k + 1) * stride - 1, exact.size() - 1)]) / top);
         if (!row.roughly && error <= 0.05) row.roughly = h;
         if (!row.accurate && error <= 0.01) row.accurate = h;
         if (row.accurate) break;
@@ -236,7 +244,9 @@ ExtremesStudy extremes_force(const ExtremesSettings& settings, Progress& progres
     const auto& set = model.parameter_sets[random() % model.parameter_sets.size()];
     const double calcium = std::pow(10.0, -3 + 6 * unit(random)), SL = 0.5 + 3.5 * unit(random);
     const double rate = 200 * unit(random) - 100, h = std::pow(10.0, -5 + 3 * unit(random));
-    book_draw(study.draws, fmt::format("draw {}: {} Ca {:.3g} SL {:.3g} rate {:.3g} h {:.3g}", k, set.name, calcium, SL, rate, h),
+    book_draw(study.draws,
+              fmt::format("draw {}: {} Ca {:.3g} SL {:.3g} rate {:.3g} h {:.3g}", k, set.name, calcium, SL,
+                          rate, h),
               [&] {
                 const auto parameters = model.parameter_values(set.name);
                 check_sarcomere_length(parameters, SL);

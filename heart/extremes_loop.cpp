@@ -168,13 +168,13 @@ ExtremesStudy extremes_heart(const std::filesystem::path& scene, const std::vect
     for (bool active : {true, false})
       for (bool volumes : {true, false})
         for (const char* inductors : {"explicit", "implicit"})
-          cases.push_back({fmt::format("{} rate, inductors {}", rate, inductors),
-                           fmt::format("active stress {}, volumes {}", active ? "stabilised" : "plain",
-                                       volumes ? "stabilised" : "plain"),
-                           {fmt::format("solver.stretch_rate={}", rate),
-                            fmt::format("solver.inductors={}", inductors),
-                            fmt::format("solver.stabilise.active_stress={}", active),
-                            fmt::format("solver.stabilise.volumes={}", volumes)}});
+          cases.push_back(
+              {fmt::format("{} rate, inductors {}", rate, inductors),
+               fmt::format("active stress {}, volumes {}", active ? "stabilised" : "plain",
+                           volumes ? "stabilised" : "plain"),
+               {fmt::format("solver.stretch_rate={}", rate), fmt::format("solver.inductors={}", inductors),
+                fmt::format("solver.stabilise.active_stress={}", active),
+                fmt::format("solver.stabilise.volumes={}", volumes)}});
   double done = 0;
   for (const Case& c : cases) {
     StabilityRow row{c.scheme, c.condition, {}, {}, {}, {}};
@@ -200,7 +200,9 @@ ExtremesStudy extremes_heart(const std::filesystem::path& scene, const std::vect
   }
   std::mt19937 random(settings.seed);
   std::uniform_real_distribution<double> unit(0, 1);
-  const auto pick = [&](std::initializer_list<const char*> from) { return *(from.begin() + random() % from.size()); };
+  const auto pick = [&](std::initializer_list<const char*> from) {
+    return *(from.begin() + random() % from.size());
+  };
   for (int k = 0; k < settings.draws; ++k) {
     check_interrupt();
     std::vector<std::string> more = {

@@ -365,10 +365,11 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
   scene.electrophysiology_substep_ms = solver.number(keys::substep);
   scene.electrophysiology_integrator = solver.choice("electrophysiology_integrator", "rush-larsen-2",
                                                      as_strings(fixed_step_integrators()), "integrator");
-  const std::string regulation = solver.choice("regulation", regulation_scheme_names[0],
-                                               as_strings(regulation_scheme_names), "scheme of the regulatory units");
-  scene.regulation = regulation == regulation_scheme_names[0] ? RegulationScheme::midpoint
-                                                              : RegulationScheme::forward_euler;
+  const std::string regulation =
+      solver.choice("regulation", regulation_scheme_names[0], as_strings(regulation_scheme_names),
+                    "scheme of the regulatory units");
+  scene.regulation =
+      regulation == regulation_scheme_names[0] ? RegulationScheme::midpoint : RegulationScheme::forward_euler;
   scene.regulatory_substep_us = solver.number(keys::ru_substep);
   const std::string rate = solver.choice("stretch_rate", rate_scheme_names[1], as_strings(rate_scheme_names),
                                          "stretch-rate scheme");

@@ -42,27 +42,30 @@ double median_cost(const std::function<void()>& work) {
   return times[times.size() / 2];
 }
 
-std::map<std::string, double> read_tolerances(const TradeStudy& study, const std::vector<std::string>& texts) {
+std::map<std::string, double> read_tolerances(const TradeStudy& study,
+                                              const std::vector<std::string>& texts) {
   std::map<std::string, double> tolerances;
   std::vector<std::string> known;
   for (const TradeMeasure& m : study.measures) known.push_back(m.name);
   for (const std::string& text : texts) {
     const auto equals = text.find('=');
     if (equals == std::string::npos)
-      throw InputError(fmt::format("--tolerance {}: give measure=value, for example {}=0.1{}", text, known.front(),
-                                   study.measures.front().unit));
+      throw InputError(fmt::format("--tolerance {}: give measure=value, for example {}=0.1{}", text,
+                                   known.front(), study.measures.front().unit));
     const std::string name = text.substr(0, equals);
     const auto measure = std::find_if(study.measures.begin(), study.measures.end(),
                                       [&](const TradeMeasure& m) { return m.name == name; });
     if (measure == study.measures.end()) refuse_unknown("measure", name, known);
     std::string value = text.substr(equals + 1);
     const std::string& unit = measure->unit;
-    if (unit != "1" && value.size() > unit.size() && value.ends_with(unit)) value.resize(value.size() - unit.size());
+    if (unit != "1" && value.size() > unit.size() && value.ends_with(unit))
+      value.resize(value.size() - unit.size());
     double number = 0;
     try {
       number = parse_number(value, name);
     } catch (const InputError&) {
-      throw InputError(fmt::format("--tolerance {}: '{}' is no number in {}", text, text.substr(equals + 1), unit));
+      throw InputError(
+          fmt::format("--tolerance {}: '{}' is no number in {}", text, text.substr(equals + 1), unit));
     }
     if (!(number > 0)) throw InputError(fmt::format("--tolerance {}: must be positive", text));
     tolerances[name] = number;
@@ -70,7 +73,8 @@ std::map<std::string, double> read_tolerances(const TradeStudy& study, const std
   return tolerances;
 }
 
-std::optional<std::size_t> recommended(const TradeStudy& study, const std::map<std::string, double>& tolerances) {
+std::optional<std::size_t> recommended(const TradeStudy& study,
+                                       const std::map<std::string, double>& tolerances) {
   std::optional<std::size_t> best;
   for (std::size_t r = 0; r < study.rows.size(); ++r) {
     const TradeRow& row = study.rows[r];
@@ -92,15 +96,17 @@ std::vector<std::size_t> pareto_front(const TradeStudy& study, std::size_t measu
             [&](std::size_t a, std::size_t b) { return study.rows[a].cost_s < study.rows[b].cost_s; });
   std::vector<std::size_t> front;
   for (std::size_t r : order)
-    if (front.empty() || study.rows[r].errors[measure] < study.rows[front.back()].errors[measure]) front.push_back(r);
+    if (front.empty() || study.rows[r].errors[measure] < study.rows[front.back()].errors[measure])
+      front.push_back(r);
   return front;
 }
 
 std::string trade_table(const TradeStudy& study, std::optional<std::size_t> chosen) {
-  std::string text = fmt::format("{}\n{}\nreference: {}\n{}\n\n", study.subject, study.protocol, study.reference,
-                                 study.machine);
+  std::string text = fmt::format("{}\n{}\nreference: {}\n{}\n\n", study.subject, study.protocol,
+                                 study.reference, study.machine);
   text += "| | method | setting | cost of a beat, ms |";
-  for (const TradeMeasure& m : study.measures) text += fmt::format(" {}{} |", m.name, m.unit == "1" ? "" : ", " + m.unit);
+  for (const TradeMeasure& m : study.measures)
+    text += fmt::format(" {}{} |", m.name, m.unit == "1" ? "" : ", " + m.unit);
   text += "\n|---|---|---|---|";
   for (std::size_t m = 0; m < study.measures.size(); ++m) text += "---|";
   text += "\n";
@@ -108,7 +114,11 @@ std::string trade_table(const TradeStudy& study, std::optional<std::size_t> chos
   for (std::size_t r : pareto_front(study, 0)) on_front[r] = true;
   for (std::size_t r = 0; r < study.rows.size(); ++r) {
     const TradeRow& row = study.rows[r];
-    text += fmt::format("| {} | {} | {} |", chosen == r ? "**" : on_front[r] ? "*" : "", row.method, row.setting);
+    text += fmt::format("| {} | {} | {} |",
+                        chosen == r   ? "**"
+                        : on_front[r] ? "*"
+                                      : "",
+                        row.method, row.setting);
     if (!row.failure.empty()) {
       text += fmt::format(" {} |\n", row.failure);
       continue;
@@ -117,11 +127,13 @@ std::string trade_table(const TradeStudy& study, std::optional<std::size_t> chos
     for (double error : row.errors) text += fmt::format(" {:.2g} |", error);
     text += "\n";
   }
-  text += fmt::format("\n\\*: no other setting is both cheaper and nearer in {}.", study.measures.front().name);
+  text +=
+      fmt::format("\n\\*: no other setting is both cheaper and nearer in {}.", study.measures.front().name);
   if (chosen) text += " \\*\\*: the cheapest that meets the tolerances.";
   text += "\n\n";
   for (const TradeMeasure& m : study.measures)
-    text += fmt::format("- {}: {} (the two references differ by {:.1e})\n", m.name, m.meaning, m.reference_confirmed);
+    text += fmt::format("- {}: {} (the two references differ by {:.1e})\n", m.name, m.meaning,
+                        m.reference_confirmed);
   return text;
 }
 
@@ -157,8 +169,7 @@ void write_trade(const TradeStudy& study, const std::map<std::string, double>& t
   }
   for (const auto& [name, value] : tolerances) json["tolerances"][name] = value;
   write_file_atomically(folder / "trade.json", json.dump(1) + "\n");
-  write_file_atomically(folder / "trade.md",
-                        trade_table(study, tolerances.empty() ? std::nullopt : chosen));
+  write_file_atomically(folder / "trade.md", trade_table(study, tolerances.empty() ? std::nullopt : chosen));
 }
 
 }  // namespace wiggers

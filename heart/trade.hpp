@@ -1,8 +1,8 @@
-// The trade of speed for accuracy, measured: every setting of a method with its errors against a reference and its
-// cost, on this machine, in this run.
+// The trade of speed for accuracy, measured: every setting of a method with its errors against a reference
+// and its cost, on this machine, in this run.
 //
-// A study runs its subject once by a reference far finer than anything offered (and confirms that reference by a second
-// method), then by each setting. A setting that fails is a row with the reason, not a gap.
+// A study runs its subject once by a reference far finer than anything offered (and confirms that reference
+// by a second method), then by each setting. A setting that fails is a row with the reason, not a gap.
 #pragma once
 
 #include <filesystem>
@@ -29,8 +29,8 @@ struct TradeRow {
   std::string method;          // e.g. "rush-larsen"
   std::string setting;         // e.g. "dt 0.02 ms, tables 0.1 mV"
   std::vector<double> errors;  // one a measure; empty if it failed
-  double cost_s = 0;           // CPU seconds of one beat (of one cell, loop or heart), median of at least five
-  long evaluations = 0;        // of the model, where the method counts them
+  double cost_s = 0;     // CPU seconds of one beat (of one cell, loop or heart), median of at least five
+  long evaluations = 0;  // of the model, where the method counts them
   long steps = 0;
   std::string failure;
 };
@@ -56,7 +56,8 @@ TradeStudy trade_heart(const std::filesystem::path& scene, const std::vector<std
 std::map<std::string, double> read_tolerances(const TradeStudy& study, const std::vector<std::string>& texts);
 
 // The cheapest row that meets all tolerances; nothing if none does.
-std::optional<std::size_t> recommended(const TradeStudy& study, const std::map<std::string, double>& tolerances);
+std::optional<std::size_t> recommended(const TradeStudy& study,
+                                       const std::map<std::string, double>& tolerances);
 
 // Rows that no other row beats in both cost and the given measure, cheapest first.
 std::vector<std::size_t> pareto_front(const TradeStudy& study, std::size_t measure);

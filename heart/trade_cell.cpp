@@ -1,5 +1,5 @@
-// Work and precision of the ionic models: one beat of 800 ms from the published initial values, stimulus -25.71 A/F for
-// 3 ms. Output every 0.1 ms, by interpolation where steps are longer.
+// Work and precision of the ionic models: one beat of 800 ms from the published initial values, stimulus
+// -25.71 A/F for 3 ms. Output every 0.1 ms, by interpolation where steps are longer.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -50,15 +50,22 @@ std::vector<double> errors(const CellModel& model, const Trace& trace, const Tra
   const auto peak = [](const Trace& x) { return *std::max_element(x.calcium.begin(), x.calcium.end()); };
   double end = 0;
   for (std::size_t i = 0; i < exact.end.size(); ++i) {
-    const double scale =
-        static_cast<int>(i) == model.membrane_potential ? 10.0 : std::abs(model.states[i].default_value) + 1e-3;
+    const double scale = static_cast<int>(i) == model.membrane_potential
+                             ? 10.0
+                             : std::abs(model.states[i].default_value) + 1e-3;
     end = std::max(end, std::abs(trace.end[i] - exact.end[i]) / scale);
   }
-  return {std::abs(*apd - *apd_exact), std::sqrt(square / norm), largest, late, std::abs(*up - *up_exact),
-          std::abs(peak(trace) / peak(exact) - 1), end};
+  return {std::abs(*apd - *apd_exact),
+          std::sqrt(square / norm),
+          largest,
+          late,
+          std::abs(*up - *up_exact),
+          std::abs(peak(trace) / peak(exact) - 1),
+          end};
 }
 
-Trace sampled_beat(const CellModel& model, const std::vector<double>& parameters, const CellIntegrator& integrator) {
+Trace sampled_beat(const CellModel& model, const std::vector<double>& parameters,
+                   const CellIntegrator& integrator) {
   Trace trace;
   if (!is_adaptive(integrator.name)) trace.sample_ms = std::max(grid_ms, integrator.dt_ms);
   trace.end = model.default_state();
@@ -71,8 +78,8 @@ Trace sampled_beat(const CellModel& model, const std::vector<double>& parameters
   return trace;
 }
 
-TradeRow single_cell(const CellModel& model, const std::vector<double>& parameters, const CellIntegrator& integrator,
-                     std::string setting, const Trace& exact) {
+TradeRow single_cell(const CellModel& model, const std::vector<double>& parameters,
+                     const CellIntegrator& integrator, std::string setting, const Trace& exact) {
   TradeRow row{integrator.name, std::move(setting), {}, 0, 0, 0, {}};
   try {
     row.errors = errors(model, sampled_beat(model, parameters, integrator), exact);
@@ -94,8 +101,8 @@ TradeRow single_cell(const CellModel& model, const std::vector<double>& paramete
 }
 
 // A population's beat, sampled; and its cost per cell.
-TradeRow batch(const CellModel& model, const std::vector<double>& parameters, const PopulationSettings& settings,
-               double dt_ms, std::string setting, const Trace& exact) {
+TradeRow batch(const CellModel& model, const std::vector<double>& parameters,
+               const PopulationSettings& settings, double dt_ms, std::string setting, const Trace& exact) {
   TradeRow row{settings.integrator + ", batch", std::move(setting), {}, 0, 0, 0, {}};
   try {
     CellPopulation one(model, 1, settings, parameters);
@@ -119,7 +126,8 @@ TradeRow batch(const CellModel& model, const std::vector<double>& parameters, co
     CellPopulation many(model, n_cells, settings, parameters);
     many.step(dt_ms, n_steps);
     row.steps = static_cast<long>(std::lround(period_ms / dt_ms));
-    row.cost_s = median_cost([&] { many.step(dt_ms, n_steps); }) * static_cast<double>(row.steps) / n_steps / n_cells;
+    row.cost_s =
+        median_cost([&] { many.step(dt_ms, n_steps); }) * static_cast<double>(row.steps) / n_steps / n_cells;
   } catch (const NumericalFailure&) {
     row.failure = "leaves the physical range";
   }
@@ -131,12 +139,14 @@ TradeRow batch(const CellModel& model, const std::vector<double>& parameters, co
 TradeStudy trade_cell(const CellModel& model, const std::vector<double>& parameters, Progress& progress) {
   TradeStudy study;
   study.subject = fmt::format("{}: one beat of one cell", model.name);
-  study.protocol = "800 ms from the published initial values, stimulus -25.71 A/F for 3 ms, compared every 0.1 ms";
+  study.protocol =
+      "800 ms from the published initial values, stimulus -25.71 A/F for 3 ms, compared every 0.1 ms";
   study.reference = "cvode rtol 1e-12, atol 1e-14; confirmed by rosenbrock rtol 1e-9";
   study.measures = measures();
   progress.update(0, "reference");
   const Trace exact = sampled_beat(model, parameters, {"cvode", 1e-12, 1e-14, 0});
-  const auto confirmed = errors(model, sampled_beat(model, parameters, {"rosenbrock", 1e-9, 1e-11, 0}), exact);
+  const auto confirmed =
+      errors(model, sampled_beat(model, parameters, {"rosenbrock", 1e-9, 1e-11, 0}), exact);
   for (std::size_t m = 0; m < confirmed.size(); ++m) study.measures[m].reference_confirmed = confirmed[m];
 
   struct Fixed {
@@ -151,14 +161,16 @@ TradeStudy trade_cell(const CellModel& model, const std::vector<double>& paramet
     for (double dt : steps)
       if (dt >= fixed.smallest && dt <= fixed.largest)
         jobs.push_back([&, fixed, dt] {
-          return single_cell(model, parameters, {fixed.name, 1e-8, 1e-10, dt}, fmt::format("dt {} ms", dt), exact);
+          return single_cell(model, parameters, {fixed.name, 1e-8, 1e-10, dt}, fmt::format("dt {} ms", dt),
+                             exact);
         });
   for (const char* name : {"rosenbrock", "cvode", "odeint-rosenbrock4", "odeint-dopri5"})
     for (double rtol : {1e-2, 1e-3, 3e-4, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-10}) {
       // The fixed-order methods below 1e-8 cost more than the reference.
       if (rtol < 1e-8 && std::string_view(name) != "cvode") continue;
       jobs.push_back([&, name, rtol] {
-        return single_cell(model, parameters, {name, rtol, 0.01 * rtol, 0}, fmt::format("rtol {:.0e}", rtol), exact);
+        return single_cell(model, parameters, {name, rtol, 0.01 * rtol, 0}, fmt::format("rtol {:.0e}", rtol),
+                           exact);
       });
     }
   for (const char* name : {"rush-larsen", "rush-larsen-2"})
@@ -170,9 +182,11 @@ TradeStudy trade_cell(const CellModel& model, const std::vector<double>& paramet
           settings.integrator = name;
           settings.table_spacing_mV = spacing;
           settings.single_precision = single;
-          std::string text = fmt::format("dt {} ms, {}{}", dt, single ? "float" : "double",
-                                         spacing > 0 ? fmt::format(", tables {} mV", spacing) : std::string());
-          jobs.push_back([&, settings, dt, text] { return batch(model, parameters, settings, dt, text, exact); });
+          std::string text =
+              fmt::format("dt {} ms, {}{}", dt, single ? "float" : "double",
+                          spacing > 0 ? fmt::format(", tables {} mV", spacing) : std::string());
+          jobs.push_back(
+              [&, settings, dt, text] { return batch(model, parameters, settings, dt, text, exact); });
         }
   for (std::size_t k = 0; k < jobs.size(); ++k) {
     study.rows.push_back(jobs[k]());

@@ -1,5 +1,5 @@
-// Work and precision of RDQ20: one twitch of 800 ms under an analytic calcium transient with shortening. The cost is that
-// of one cell; a batch's is per cell.
+// Work and precision of RDQ20: one twitch of 800 ms under an analytic calcium transient with shortening. The
+// cost is that of one cell; a batch's is per cell.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -76,7 +76,8 @@ TradeStudy trade_force(std::string_view parameter_set, Progress& progress) {
   TradeStudy study;
   study.subject = fmt::format("rdq20, {}: one twitch", parameter_set);
   study.protocol =
-      "800 ms, calcium 0.1 to 0.8 uM (rise 20 ms, decay 60 ms), sarcomere shortening by 8 % and back in 400 ms, "
+      "800 ms, calcium 0.1 to 0.8 uM (rise 20 ms, decay 60 ms), sarcomere shortening by 8 % and back in 400 "
+      "ms, "
       "compared every 5 ms";
   study.reference = "cvode rtol 1e-11; confirmed by frozen-midpoint at 0.02 ms";
   study.measures = {{"tension", "%", "largest error of the tension, of its peak"},
@@ -186,7 +187,13 @@ TradeStudy trade_force(std::string_view parameter_set, Progress& progress) {
         }
         return T;
       };
-      TradeRow row{"frozen-midpoint, batch", fmt::format("dt {} ms, {}", h_ms, single ? "float" : "double"), {}, 0, 0, 0, {}};
+      TradeRow row{"frozen-midpoint, batch",
+                   fmt::format("dt {} ms, {}", h_ms, single ? "float" : "double"),
+                   {},
+                   0,
+                   0,
+                   0,
+                   {}};
       row.errors = errors(run(1), exact);
       row.cost_s = median_cost([&] { (void)run(n_cells); }) / n_cells;
       study.rows.push_back(row);

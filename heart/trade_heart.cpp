@@ -1,8 +1,10 @@
 // Work and precision of the reduced heart: the scene on its limit cycle, indexes of the beat compared.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/heart/monolithic.hpp>
 #include <wiggers/heart/run.hpp>
 #include <wiggers/heart/trade.hpp>
 
@@ -12,9 +14,16 @@ namespace {
 
 std::vector<double> measures_of(const BeatIndexes& b) {
   const auto time = [](const std::optional<double>& t) { return t ? 1e3 * *t : std::nan(""); };
-  return {b.ventricle[0].pressure_max_mmHg, b.ventricle[0].EDV_mL,  b.ventricle[0].SV_mL,
-          b.ventricle[0].EF_percent,        b.aorta.pressure_max_mmHg, b.valve[AV].peak_flow_mL_per_s,
+  return {b.ventricle[0].pressure_max_mmHg, b.ventricle[0].EDV_mL,      b.ventricle[0].SV_mL,
+          b.ventricle[0].EF_percent,        b.aorta.pressure_max_mmHg,  b.valve[AV].peak_flow_mL_per_s,
           time(b.valve[AV].opens_s),        time(b.valve[AV].closes_s), time(b.valve[MV].opens_s)};
+}
+
+std::vector<double> monolithic_values(const Scene& scene) {
+  MonolithicHeart heart(scene, {1e-7, false});
+  if (heart.to_limit_cycle(1e-5).verdict != LimitCycleVerdict::period_1)
+    throw NumericalFailure("no limit cycle");
+  return measures_of(compute_indexes(heart.beat(2.5e-4), atrial_stimulus_s(scene)));
 }
 
 struct HeartBeat {
@@ -41,9 +50,6 @@ TradeStudy trade_heart(const std::filesystem::path& scene, const std::vector<std
   TradeStudy study;
   study.subject = fmt::format("heart, {}: one beat", scene.filename().string());
   study.protocol = "the scene's limit cycle with each setting, cells on theirs; indexes compared";
-  study.reference =
-      "implicit stretch rate, frozen-midpoint regulation, dt 0.125 ms, cells by rush-larsen-2 at 12.5 us; confirmed by "
-      "the lagged rate with forward Euler sub-steps of 5 us at dt 0.0625 ms";
   study.measures = {{"p_LV", "mmHg", "peak left ventricular pressure"},
                     {"EDV", "mL", "end-diastolic volume of the left ventricle"},
                     {"SV", "mL", "stroke volume of the left ventricle"},
@@ -58,21 +64,36 @@ TradeStudy trade_heart(const std::filesystem::path& scene, const std::vector<std
     all.insert(all.end(), more.begin(), more.end());
     return all;
   };
+  const auto staggered_reference = [&] {
+    return on_cycle(scene, with({"solver.dt_s=1.25e-4", "solver.stretch_rate=implicit",
+                                 "solver.regulation=frozen-midpoint",
+                                 "solver.electrophysiology_integrator=rush-larsen-2",
+                                 "solver.electrophysiology_substep_ms=0.0125"}))
+        .values;
+  };
   progress.update(0, "reference");
-  const HeartBeat exact =
-      on_cycle(scene, with({"solver.dt_s=1.25e-4", "solver.stretch_rate=implicit", "solver.regulation=frozen-midpoint",
-                            "solver.electrophysiology_integrator=rush-larsen-2",
-                            "solver.electrophysiology_substep_ms=0.0125"}));
-  const auto errors = [&](const HeartBeat& beat) {
+  const Scene plain = read_scene(scene, overrides);
+  const bool triseg = std::any_of(plain.walls.begin(), plain.walls.end(),
+                                  [](const WallPlan& wall) { return wall.kind == "triseg"; });
+  const std::vector<double> exact = triseg ? staggered_reference() : monolithic_values(plain);
+  const auto errors = [&](const std::vector<double>& values) {
     std::vector<double> e;
-    for (std::size_t m = 0; m < beat.values.size(); ++m) e.push_back(std::abs(beat.values[m] - exact.values[m]));
+    for (std::size_t m = 0; m < values.size(); ++m) e.push_back(std::abs(values[m] - exact[m]));
     return e;
   };
   progress.update(0.2, "second reference");
-  const auto confirmed = errors(
-      on_cycle(scene, with({"solver.dt_s=6.25e-5", "solver.stretch_rate=lagged", "solver.regulation=forward-euler",
-                            "solver.regulatory_substep_us=5", "solver.electrophysiology_integrator=rush-larsen-2",
-                            "solver.electrophysiology_substep_ms=0.0125"})));
+  const std::string staggered = "staggered, implicit rate, dt 0.125 ms, cells by rush-larsen-2 at 12.5 us";
+  std::vector<double> confirmed;
+  if (triseg) {
+    study.reference = staggered + "; confirmed by the lagged rate at dt 0.0625 ms";
+    confirmed = errors(on_cycle(scene, with({"solver.dt_s=6.25e-5", "solver.stretch_rate=lagged",
+                                             "solver.electrophysiology_integrator=rush-larsen-2",
+                                             "solver.electrophysiology_substep_ms=0.0125"}))
+                           .values);
+  } else {
+    study.reference = "monolithic, cvode rtol 1e-7; confirmed by " + staggered;
+    confirmed = errors(staggered_reference());
+  }
   for (std::size_t m = 0; m < confirmed.size(); ++m) study.measures[m].reference_confirmed = confirmed[m];
 
   struct Job {
@@ -82,12 +103,13 @@ TradeStudy trade_heart(const std::filesystem::path& scene, const std::vector<std
   std::vector<Job> jobs;
   const auto add = [&](const char* rate, const char* regulation, double dt_ms, const char* integrator,
                        double substep_ms) {
-    jobs.push_back({fmt::format("{} rate, {}", rate, regulation),
-                    fmt::format("dt {} ms, {} {} ms", dt_ms, integrator, substep_ms),
-                    {fmt::format("solver.stretch_rate={}", rate), fmt::format("solver.regulation={}", regulation),
-                     fmt::format("solver.dt_s={}", dt_ms * 1e-3),
-                     fmt::format("solver.electrophysiology_integrator={}", integrator),
-                     fmt::format("solver.electrophysiology_substep_ms={}", substep_ms)}});
+    jobs.push_back(
+        {fmt::format("{} rate, {}", rate, regulation),
+         fmt::format("dt {} ms, {} {} ms", dt_ms, integrator, substep_ms),
+         {fmt::format("solver.stretch_rate={}", rate), fmt::format("solver.regulation={}", regulation),
+          fmt::format("solver.dt_s={}", dt_ms * 1e-3),
+          fmt::format("solver.electrophysiology_integrator={}", integrator),
+          fmt::format("solver.electrophysiology_substep_ms={}", substep_ms)}});
   };
   for (const char* rate : {"lagged", "implicit"})
     for (double dt_ms : {2.0, 1.0, 0.5, 0.25}) {
@@ -99,11 +121,14 @@ TradeStudy trade_heart(const std::filesystem::path& scene, const std::vector<std
     if (substep != 0.05) add("implicit", "frozen-midpoint", 1.0, "rush-larsen-2", substep);
   }
   add("lagged", "forward-euler", 1.0, "rush-larsen", 0.05);
+  add("implicit", "forward-euler", 1.0, "rush-larsen-2", 0.1);
+  add("implicit", "frozen-midpoint", 2.0, "rush-larsen-2", 0.2);
+  add("implicit", "frozen-midpoint", 0.25, "rush-larsen-2", 0.02);
   for (std::size_t k = 0; k < jobs.size(); ++k) {
     TradeRow row{jobs[k].method, jobs[k].setting, {}, 0, 0, 0, {}};
     try {
       const HeartBeat beat = on_cycle(scene, with(jobs[k].overrides));
-      row.errors = errors(beat);
+      row.errors = errors(beat.values);
       row.cost_s = beat.cost_s;
       row.steps = beat.steps;
       for (double error : row.errors)

@@ -12,8 +12,9 @@ TradeStudy trade_loop(const Loop& loop, Progress& progress) {
   TradeStudy study;
   study.subject = "loop: one beat";
   study.protocol = "from the reference's limit cycle, compared every ms";
-  study.reference = "cvode rtol 1e-12, atol 1e-12, restarted at activation break points; confirmed by "
-                    "runge-kutta-4 at 0.02 ms";
+  study.reference =
+      "cvode rtol 1e-12, atol 1e-12, restarted at activation break points; confirmed by "
+      "runge-kutta-4 at 0.02 ms";
   study.measures = {{"pressure", "mmHg", "largest error of a chamber's or artery's pressure"},
                     {"volume", "mL", "largest error of a chamber's volume"},
                     {"flow", "mL/s", "largest error of a valve's flow"},
@@ -36,7 +37,9 @@ TradeStudy trade_loop(const Loop& loop, Progress& progress) {
   const auto errors = [&](const Table& trace) {
     double pressure = 0, volume = 0, flow = 0;
     for (std::size_t c = 1; c < trace.columns.size(); ++c) {
-      double& largest = trace.columns[c].unit == "mmHg" ? pressure : trace.columns[c].unit == "mL" ? volume : flow;
+      double& largest = trace.columns[c].unit == "mmHg" ? pressure
+                        : trace.columns[c].unit == "mL" ? volume
+                                                        : flow;
       for (std::size_t k = 0; k < trace.n_rows(); ++k)
         largest = std::max(largest, std::abs(trace.columns[c].values[k] - exact.columns[c].values[k]));
     }
@@ -73,7 +76,9 @@ TradeStudy trade_loop(const Loop& loop, Progress& progress) {
         }
         double pressure = 0, volume = 0, flow = 0;
         for (std::size_t c = 1; c < table.columns.size(); ++c) {
-          double& largest = table.columns[c].unit == "mmHg" ? pressure : table.columns[c].unit == "mL" ? volume : flow;
+          double& largest = table.columns[c].unit == "mmHg" ? pressure
+                            : table.columns[c].unit == "mL" ? volume
+                                                            : flow;
           for (std::size_t r = 0; r < std::min(table.n_rows(), every.n_rows()); ++r)
             largest = std::max(largest, std::abs(table.columns[c].values[r] - every.columns[c].values[r]));
         }
@@ -98,7 +103,8 @@ TradeStudy trade_loop(const Loop& loop, Progress& progress) {
       row.failure = "diverges";
     }
     study.rows.push_back(row);
-    progress.update(static_cast<double>(k + 1) / static_cast<double>(jobs.size()), row.method + " " + row.setting);
+    progress.update(static_cast<double>(k + 1) / static_cast<double>(jobs.size()),
+                    row.method + " " + row.setting);
   }
   return study;
 }

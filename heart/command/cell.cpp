@@ -251,8 +251,9 @@ void add_cell(CLI::App& app) {
                    "limit-cycle search: anderson | newton | kinsol | pacing [anderson]");
   verb->add_option("--distance", o->distance, "scaled distance to the limit cycle, 1 [1e-6]");
   verb->add_option("--max-beats", o->max_beats, "give up on the limit cycle after so many beats [2000]");
-  CLI::Option* accuracy = verb->add_option(
-      "--accuracy", o->accuracy, "draft | standard | reference: integrator and tolerance together [standard]");
+  CLI::Option* accuracy =
+      verb->add_option("--accuracy", o->accuracy,
+                       "draft | standard | reference: integrator and tolerance together [standard]");
   CLI::Option* integrator = verb->add_option(
       "--integrator", o->integrator,
       "adaptive: cvode | rosenbrock | odeint-rosenbrock4 | odeint-dopri5; fixed steps: rush-larsen | "

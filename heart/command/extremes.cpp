@@ -21,9 +21,10 @@ void add_extremes(CLI::App& app) {
     bool quiet = false;
   };
   auto o = std::make_shared<Options>();
-  CLI::App* verb =
-      app.add_subcommand("extremes", "Largest stable and largest accurate steps, and random draws far outside the usual");
-  verb->add_option("subject", o->subject, "cell model, rdq20, 'loop', a loop file or a scene (TOML)")->required();
+  CLI::App* verb = app.add_subcommand(
+      "extremes", "Largest stable and largest accurate steps, and random draws far outside the usual");
+  verb->add_option("subject", o->subject, "cell model, rdq20, 'loop', a loop file or a scene (TOML)")
+      ->required();
   verb->add_option("--set", o->set, "change a key of the scene or loop file")->take_all();
   verb->add_option("--beats", o->settings.beats, "beats that a stable step completes [10; hearts at most 3]");
   CLI::Option* draws = verb->add_option("--draws", o->settings.draws, "random draws [1000; hearts 100]");
@@ -41,7 +42,8 @@ void add_extremes(CLI::App& app) {
       study = extremes_loop(find_circulation_set("wiggers-healthy-0d").loop, o->settings, progress);
     } else if (o->subject.ends_with(".toml")) {
       auto table = parse_settings_file(o->subject);
-      const bool is_scene = SettingsReader(table, o->subject).has("walls") || SettingsReader(table, o->subject).has("base");
+      const bool is_scene =
+          SettingsReader(table, o->subject).has("walls") || SettingsReader(table, o->subject).has("base");
       if (is_scene) {
         if (draws->count() == 0) o->settings.draws = 100;
         study = extremes_heart(o->subject, o->set, o->settings, progress);
@@ -62,7 +64,8 @@ void add_extremes(CLI::App& app) {
       fmt::print("written: {}\n", o->output);
     }
     if (!study.draws.unexplained.empty())
-      throw NumericalFailure(fmt::format("{} draws ended without an explanation", study.draws.unexplained.size()));
+      throw NumericalFailure(
+          fmt::format("{} draws ended without an explanation", study.draws.unexplained.size()));
   });
 }
 

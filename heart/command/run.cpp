@@ -4,6 +4,7 @@
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
 #include <wiggers/heart/accuracy.hpp>
+#include <wiggers/heart/monolithic.hpp>
 #include <wiggers/heart/run.hpp>
 #include <wiggers/heart/summary.hpp>
 
@@ -12,19 +13,55 @@
 
 namespace wiggers::command {
 
+namespace {
+
+struct Options {
+  std::string accuracy, scene, output, resume;
+  std::vector<std::string> set;
+  bool quiet = false, json = false, monolithic = false;
+};
+
+void run_monolithic(const Scene& scene, const Options& o) {
+  if (!o.resume.empty()) throw InputError("--monolithic starts from the scene: --resume has no place there");
+  if (!o.output.empty() && !o.output.ends_with(".csv"))
+    throw InputError(
+        fmt::format("-o: '{}' must end in .csv: a monolithic run writes the beat as a table", o.output));
+  if (!o.output.empty()) require_writable(o.output, "-o");
+  Progress progress("monolithic", o.quiet ? Progress::Style::quiet : Progress::Style::automatic);
+  progress.update(-1, "cells");
+  MonolithicHeart heart(scene, {});
+  progress.update(-1, "limit cycle");
+  const LimitCycleCertificate certificate = heart.to_limit_cycle(1e-5);
+  const Table beat = heart.beat(2.5e-4);
+  progress.finish();
+  fmt::print("{}\n\n{}\n", scene.title,
+             index_table(compute_indexes(beat, atrial_stimulus_s(scene)), scene.body_surface_area_m2));
+  fmt::print(
+      "monolithic by {}; limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
+      heart.uses_ida() ? "IDA" : "CVODE", to_string(certificate.verdict), certificate.distance,
+      certificate.beats, certificate.multiplier);
+  if (!o.output.empty()) {
+    write_csv(o.output, beat);
+    fmt::print("beat: {}\n", o.output);
+  }
+  if (certificate.verdict != LimitCycleVerdict::period_1)
+    throw NumericalFailure(limit_cycle_failure(certificate));
+}
+
+}  // namespace
+
 void add_run(CLI::App& app) {
-  struct Options {
-    std::string accuracy, scene, output, resume;
-    std::vector<std::string> set;
-    bool quiet = false, json = false;
-  };
   auto o = std::make_shared<Options>();
   CLI::App* verb = app.add_subcommand("run", "Run a scene to its limit cycle or for a number of beats");
   verb->add_option("scene", o->scene, "scene file (TOML)")->required();
   verb->add_option("-o,--output", o->output, "result file (HDF5); also the checkpoint of the run");
   verb->add_option("--set", o->set, "change a key of the scene: walls.LV.activation_ms=150")->take_all();
-  verb->add_option("--accuracy", o->accuracy,
-                   "draft | standard | reference | founding: the scene's solver settings together; --set goes on top");
+  verb->add_option(
+      "--accuracy", o->accuracy,
+      "draft | standard | reference | founding: the scene's solver settings together; --set goes on top");
+  verb->add_flag(
+      "--monolithic", o->monolithic,
+      "the reference: all equations as one system, integrated by CVODE or IDA; -o writes the beat as CSV");
   verb->add_option("--resume", o->resume, "continue from this result file of the same scene");
   verb->add_flag("--quiet", o->quiet, "no progress");
   verb->add_flag("--json", o->json, "end standard output with one line of JSON");
@@ -38,6 +75,10 @@ void add_run(CLI::App& app) {
       fmt::print("accuracy {}: {}\n", chosen.name, chosen.expected);
     }
     overrides.insert(overrides.end(), o->set.begin(), o->set.end());
+    if (o->monolithic) {
+      run_monolithic(read_scene(o->scene, overrides), *o);
+      return;
+    }
     HeartRun run(read_scene(o->scene, overrides));
     // A resumed run goes on in the file it came from, unless another is named.
     std::optional<std::filesystem::path> result;

@@ -31,16 +31,15 @@ void finish(const TradeStudy& study, const Options& o) {
     std::filesystem::create_directories(o.output, code);
     write_trade(study, tolerances, o.output);
     std::fflush(stdout);
-    const int status =
-        run_program({report_python(), (report_folder() / "make_trade.py").string(), o.output});
+    const int status = run_program({report_python(), (report_folder() / "make_trade.py").string(), o.output});
     if (status != 0)
       fmt::print(stderr, "wiggers: no picture: it needs Python with matplotlib (make setup installs them)\n");
     fmt::print("\nwritten: {}\n", (std::filesystem::path(o.output) / "trade.json").string());
   }
   if (tolerances.empty()) return;
   if (!chosen) throw NumericalFailure("no setting meets these tolerances; the table shows what each reaches");
-  fmt::print("\nrecommended: {}, {} ({:.3g} ms a beat)\n", study.rows[*chosen].method, study.rows[*chosen].setting,
-             1e3 * study.rows[*chosen].cost_s);
+  fmt::print("\nrecommended: {}, {} ({:.3g} ms a beat)\n", study.rows[*chosen].method,
+             study.rows[*chosen].setting, 1e3 * study.rows[*chosen].cost_s);
 }
 
 CLI::App* common(CLI::App* verb, const std::shared_ptr<Options>& o) {
@@ -61,17 +60,20 @@ Progress progress_of(const Options& o, const std::string& name) {
 }  // namespace
 
 void add_trade(CLI::App& app) {
-  CLI::App* trade = app.add_subcommand("trade", "Error against cost: every setting of a method, measured here and now");
+  CLI::App* trade =
+      app.add_subcommand("trade", "Error against cost: every setting of a method, measured here and now");
   trade->require_subcommand(1);
   {
     auto o = std::make_shared<Options>();
-    CLI::App* verb = common(trade->add_subcommand("cell", "Integrators, steps, tables and precisions of an ionic cell"), o);
+    CLI::App* verb = common(
+        trade->add_subcommand("cell", "Integrators, steps, tables and precisions of an ionic cell"), o);
     verb->add_option("model", o->subject, "cell model, see wiggers models")->required();
     verb->add_option("--parameters", o->parameters, "named parameter set [the model's first]");
     verb->add_option("--set", o->set, "change a parameter: name=value")->take_all();
     verb->callback([o] {
       const CellModel& model = find_model(o->subject);
-      if (!model.is_ionic()) throw InputError(fmt::format("{} is a force model: see wiggers trade force", model.name));
+      if (!model.is_ionic())
+        throw InputError(fmt::format("{} is a force model: see wiggers trade force", model.name));
       const auto parameters = parameters_from(model, o->parameters, o->set);
       Progress progress = progress_of(*o, "trade cell");
       const TradeStudy study = trade_cell(model, parameters, progress);
@@ -94,7 +96,8 @@ void add_trade(CLI::App& app) {
   }
   {
     auto o = std::make_shared<Options>();
-    CLI::App* verb = common(trade->add_subcommand("loop", "Integrators, steps and tolerances of a 0D loop"), o);
+    CLI::App* verb =
+        common(trade->add_subcommand("loop", "Integrators, steps and tolerances of a 0D loop"), o);
     verb->add_option("file", o->subject, "loop file (TOML) [the set wiggers-healthy-0d]");
     verb->add_option("--set", o->set, "change a key of the file: elastance.LV.EA=3")->take_all();
     verb->callback([o] {
