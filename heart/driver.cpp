@@ -36,6 +36,8 @@ void HeartDriver::start(const CirculationValues& initial) {
     wall->start(0, V, p);
     for (std::size_t k = 0; k < cavities.size(); ++k) p_[cavities[k]] = p[k];
   }
+  const double bag = settings_.pericardium.pressure(y_[V_LA] + y_[V_LV] + y_[V_RA] + y_[V_RV]);
+  for (double& pressure : p_) pressure += bag;
   Q_ = valve_flows<double>(circulation_, p_.data(), y_[p_AR_SYS], y_[p_AR_PUL]);
 }
 
@@ -79,35 +81,46 @@ void HeartDriver::step(double t, BeatAudit& audit) {
   Vector wall_volume = Vector::Zero();
   while (!converged && iteration < largest_newton_iterations) {
     ++iteration;
+    Matrix slopes;
+    wanted_volumes(p.data(), wanted.data(), slopes.data());
+    // Walls carry the pressure across them: the cavity's less that of the bag, which follows the wanted volumes.
+    Vector across_slope = Vector::Zero();
+    double bag = 0;
+    if (settings_.pericardium.present()) {
+      const auto jet = settings_.pericardium.pressure(
+          Dual<1>::variable(wanted[LA] + wanted[LV] + wanted[RA] + wanted[RV], 0));
+      bag = jet.value;
+      across_slope = jet.derivative[0] * slopes.colwise().sum().transpose();
+    }
     Matrix system = Matrix::Zero();
     for (const auto& wall : walls_) {
       const auto cavities = wall->cavities();
       const std::size_t n = cavities.size();
       double pressures[n_chambers], V[n_chambers], C[n_chambers * n_chambers];
-      for (std::size_t k = 0; k < n; ++k) pressures[k] = p[cavities[k]];
+      for (std::size_t k = 0; k < n; ++k) pressures[k] = p[cavities[k]] - bag;
       wall->linearise(pressures, V, C);
       for (std::size_t k = 0; k < n; ++k) {
         volume[cavities[k]] = V[k];
         for (std::size_t j = 0; j < n; ++j) system(cavities[k], cavities[j]) = C[n * k + j];
       }
     }
-    Matrix slopes;
-    wanted_volumes(p.data(), wanted.data(), slopes.data());
     Vector mismatch;
     for (int c = 0; c < n_chambers; ++c) mismatch(c) = wanted[c] - volume[c];
-    Vector dp = (system - slopes).partialPivLu().solve(mismatch);
+    const Matrix across = Matrix::Identity() - Vector::Ones() * across_slope.transpose();
+    Vector dp = (system * across - slopes).partialPivLu().solve(mismatch);
     // A diode's kink can make Newton jump to and fro; half steps end that.
     if (iteration > 15) dp *= 0.5;
     if (!dp.allFinite()) break;
     error = mismatch.cwiseAbs().maxCoeff(&worst);
+    const Vector across_change = across * dp;
     for (const auto& wall : walls_) {
       const auto cavities = wall->cavities();
       double change[n_chambers];
-      for (std::size_t k = 0; k < cavities.size(); ++k) change[k] = dp(cavities[k]);
+      for (std::size_t k = 0; k < cavities.size(); ++k) change[k] = across_change(cavities[k]);
       wall->update(change);
     }
     for (int c = 0; c < n_chambers; ++c) wall_volume(c) = volume[c];
-    wall_volume += system * dp;
+    wall_volume += system * across_change;
     double largest_change = 0;
     for (int c = 0; c < n_chambers; ++c) {
       p[c] += dp(c);

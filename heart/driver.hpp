@@ -17,6 +17,7 @@
 #include <vector>
 #include <wiggers/circulation/circulation.hpp>
 #include <wiggers/core/table.hpp>
+#include <wiggers/heart/pericardium.hpp>
 #include <wiggers/heart/wall.hpp>
 
 namespace wiggers {
@@ -26,6 +27,7 @@ struct DriverSettings {
   double dt_s = 1e-3;  // divides the period
   bool stabilise_volumes = true;
   bool implicit_inductors = false;
+  Pericardium pericardium;
 };
 
 // What a beat reports beside its trace.

@@ -107,8 +107,11 @@ struct MonolithicHeart::Implementation {
     if (excess) *excess = T - rest;
     return f.plan->settings.subtract_rest_tension ? std::max(0.0, T - rest) : T;
   }
-  // Pressure (mmHg) of a chamber at a volume and its rate (mL/s).
+  // Pressure (mmHg) of a chamber: of its wall at a volume and its rate (mL/s), and of the bag.
   double pressure(int c, double t, const double* y, double dV_dt) const {
+    return wall_pressure(c, t, y, dV_dt) + scene.pericardium.pressure(y[V_LA] + y[V_LV] + y[V_RA] + y[V_RV]);
+  }
+  double wall_pressure(int c, double t, const double* y, double dV_dt) const {
     const WallPlan& plan = *walls[c];
     const double V = y[V_LA + c];
     if (plan.kind == "elastance")

@@ -142,7 +142,7 @@ void HeartRun::build() {
     }
   }
   driver_ = std::make_unique<HeartDriver>(
-      DriverSettings{scene_.period_s, scene_.dt_s, scene_.stabilise_volumes, scene_.implicit_inductors},
+      DriverSettings{scene_.period_s, scene_.dt_s, scene_.stabilise_volumes, scene_.implicit_inductors, scene_.pericardium},
       scene_.circulation, std::move(walls));
   LimitCycleSettings settings = scene_.limit_cycle;
   if (!scene_.until_limit_cycle) {

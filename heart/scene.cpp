@@ -49,6 +49,10 @@ constexpr Quantity robin_k{"epicardial_stiffness_Pa_per_m",         "Pa/m", 0, 0
                            "surroundings: spring on the epicardium"};
 constexpr Quantity robin_c{"epicardial_damping_Pa_s_per_m",          "Pa s/m", 0, 0, 1e7,
                            "surroundings: dashpot on the epicardium"};
+constexpr Quantity bag_pressure{"pressure_mmHg", "mmHg", 0, 0, 1000, "p0 of the pericardial bag; 0: no bag"};
+constexpr Quantity bag_volume{
+    "reference_volume_mL", "mL", 600, 10, 1e4, "sum of the cavities' volumes at which the bag gets taut"};
+constexpr Quantity bag_exponent{"exponent", "1", 10, 1, 60, "steepness of the bag, p0 ((V/V_ref)^n - 1)"};
 constexpr Quantity dt{"dt_s", "s", 1e-3, 1e-6, 0.05, "step of mechanics and circulation; divides the period"};
 constexpr Quantity substep{"electrophysiology_substep_ms", "ms", 0.1, 1e-4, 1, "step of the ionic cells"};
 constexpr Quantity ru_substep{"regulatory_substep_us",           "us", 25, 0.1, 1000,
@@ -351,6 +355,11 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
   scene.initial =
       read_initial(circulation.table("initial"), scene.circulation, find_circulation_set(set).loop.initial);
 
+  SettingsReader& bag = reader.table("pericardium");
+  scene.pericardium.pressure_mmHg = bag.number(keys::bag_pressure);
+  scene.pericardium.reference_volume_mL = bag.number(keys::bag_volume);
+  scene.pericardium.exponent = bag.number(keys::bag_exponent);
+
   SettingsReader& solver = reader.table("solver");
   const std::vector<std::string> schemes = {"staggered"};
   solver.choice("scheme", schemes[0], schemes, "scheme");
@@ -366,7 +375,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
   scene.electrophysiology_integrator = solver.choice("electrophysiology_integrator", "rush-larsen-2",
                                                      as_strings(fixed_step_integrators()), "integrator");
   const std::string regulation =
-      solver.choice("regulation", regulation_scheme_names[0], as_strings(regulation_scheme_names),
+      solver.choice("regulation", regulation_scheme_names[1], as_strings(regulation_scheme_names),
                     "scheme of the regulatory units");
   scene.regulation =
       regulation == regulation_scheme_names[0] ? RegulationScheme::midpoint : RegulationScheme::forward_euler;

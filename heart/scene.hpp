@@ -16,6 +16,7 @@
 #include <wiggers/core/limit_cycle.hpp>
 #include <wiggers/heart/cell_source.hpp>
 #include <wiggers/heart/reduced_wall.hpp>
+#include <wiggers/heart/pericardium.hpp>
 #include <wiggers/heart/triseg_wall.hpp>
 
 namespace wiggers {
@@ -58,6 +59,7 @@ struct Scene {
   std::map<std::string, CellType> cells;
   std::vector<WallPlan> walls;
   CirculationParameters circulation;
+  Pericardium pericardium;
   CirculationValues initial{};
   double dt_s = 1e-3;
   double electrophysiology_substep_ms = 0.05;
