@@ -83,7 +83,8 @@ void HeartDriver::step(double t, BeatAudit& audit) {
     ++iteration;
     Matrix slopes;
     wanted_volumes(p.data(), wanted.data(), slopes.data());
-    // Walls carry the pressure across them: the cavity's less that of the bag, which follows the wanted volumes.
+    // Walls carry the pressure across them: the cavity's less that of the bag, which follows the wanted
+    // volumes.
     Vector across_slope = Vector::Zero();
     double bag = 0;
     if (settings_.pericardium.present()) {

@@ -191,8 +191,9 @@ ExtremesStudy extremes_heart(const std::filesystem::path& scene, const std::vect
         if (row.accurate) break;
       } catch (const NumericalFailure& failure) {
         row.note = fmt::format("at {} ms: {}", dt_ms, std::string(failure.what()).substr(0, 90));
-      } catch (const InputError&) {
-        row.note = fmt::format("{} ms does not divide the period", dt_ms);
+      } catch (const InputError& refusal) {
+        const std::string text = refusal.what();
+        row.note = fmt::format("{} ms refused: {}", dt_ms, text.substr(0, text.find(';')));
       }
     }
     study.rows.push_back(row);

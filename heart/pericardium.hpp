@@ -1,6 +1,6 @@
-// A pericardial bag around all chambers: one pressure on every outer surface, from the sum of the cavities' volumes
-// (the walls keep theirs),  p_bag = p0 ((V/V_ref)^n - 1) above V_ref, 0 below.  It couples the chambers: what one
-// gains in a full bag the others must give.
+// A pericardial bag around all chambers: one pressure on every outer surface, from the sum of the cavities'
+// volumes (the walls keep theirs),  p_bag = p0 ((V/V_ref)^n - 1) above V_ref, 0 below.  It couples the
+// chambers: what one gains in a full bag the others must give.
 #pragma once
 
 #include <wiggers/core/numbers.hpp>
@@ -8,7 +8,7 @@
 namespace wiggers {
 
 struct Pericardium {
-  double pressure_mmHg = 0;         // p0; 0: no bag
+  double pressure_mmHg = 0;          // p0; 0: no bag
   double reference_volume_mL = 600;  // V_ref, of the four cavities together
   double exponent = 10;
 

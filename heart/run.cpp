@@ -141,9 +141,10 @@ void HeartRun::build() {
       walls.push_back(std::make_unique<TriSegWall>(plan.triseg, std::move(segments)));
     }
   }
-  driver_ = std::make_unique<HeartDriver>(
-      DriverSettings{scene_.period_s, scene_.dt_s, scene_.stabilise_volumes, scene_.implicit_inductors, scene_.pericardium},
-      scene_.circulation, std::move(walls));
+  driver_ =
+      std::make_unique<HeartDriver>(DriverSettings{scene_.period_s, scene_.dt_s, scene_.stabilise_volumes,
+                                                   scene_.implicit_inductors, scene_.pericardium},
+                                    scene_.circulation, std::move(walls));
   LimitCycleSettings settings = scene_.limit_cycle;
   if (!scene_.until_limit_cycle) {
     // A number of beats was asked for: judge, but neither accelerate nor stop.

@@ -387,6 +387,14 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
   const std::vector<std::string> inductors = {"explicit", "implicit"};
   scene.implicit_inductors =
       solver.choice("inductors", inductors[0], inductors, "treatment of the inductors") == inductors[1];
+  const double bound = largest_explicit_step(scene.circulation);
+  if (!scene.implicit_inductors && scene.dt_s > bound)
+    throw InputError(
+        fmt::format("{} = {} s: the circulation's explicit step is stable below {:.2f} ms (2 L/R of the "
+                    "stiffest inductor); the "
+                    "nearest step that works is {:.6g} s, or set {} = \"implicit\"",
+                    solver.place("dt_s"), scene.dt_s, 1e3 * bound,
+                    scene.period_s / std::ceil(scene.period_s / bound), solver.place("inductors")));
   SettingsReader& stabilise = solver.table("stabilise");
   scene.stabilise_active_stress = stabilise.flag("active_stress", true);
   scene.stabilise_volumes = stabilise.flag("volumes", true);

@@ -15,8 +15,8 @@
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/limit_cycle.hpp>
 #include <wiggers/heart/cell_source.hpp>
-#include <wiggers/heart/reduced_wall.hpp>
 #include <wiggers/heart/pericardium.hpp>
+#include <wiggers/heart/reduced_wall.hpp>
 #include <wiggers/heart/triseg_wall.hpp>
 
 namespace wiggers {

@@ -116,3 +116,70 @@ TEST_CASE("a cell whose stimulus no ion carries has no cycle, and is refused wit
   CHECK_THROWS_WITH(cell.to_limit_cycle(state, {}),
                     Catch::Contains("no limit cycle") && Catch::Contains("stimulus_K_fraction"));
 }
+
+TEST_CASE("cycles from the published start: few beats, one cycle by every method and from other starts") {
+  struct Case {
+    const char* model;
+    int most_beats;
+    double Na_shift, Ca_shift;
+    const char* store;
+  };
+  for (const Case& c : {Case{"ttp06-endo", 16, 3, -2, "Ca_SR"}, Case{"crn", 40, 3, -0.5, "Ca_up"}}) {
+    const CellModel& model = find_model(c.model);
+    const auto parameters = model.parameter_values("default");
+    const PacingProtocol protocol{800, {-25.71, 3, 0}};
+    const CellIntegrator integrator{"rush-larsen-2", 1e-8, 1e-10, 0.1};
+    const auto scales = PacedCell(model, parameters, protocol, integrator).scales(model.default_state());
+    const double charge = model.invariant(model.default_state().data(), parameters.data());
+    const auto cycle = [&](LimitCycleMethod method, std::vector<double> start, int& beats) {
+      PacedCell cell(model, parameters, protocol, integrator);
+      LimitCycleSettings settings;
+      settings.method = method;
+      settings.max_beats = 400;
+      const auto certificate = cell.to_limit_cycle(start, settings);
+      CHECK(certificate.verdict == LimitCycleVerdict::period_1);
+      CHECK(certificate.distance <= 1e-6);
+      beats = certificate.beats;
+      return start;
+    };
+    int beats = 0;
+    const auto found = cycle(LimitCycleMethod::anderson, model.default_state(), beats);
+    INFO(c.model << " " << beats << " beats");
+    CHECK(beats <= c.most_beats);
+    const auto same = [&](const std::vector<double>& other) {
+      double distance = 0;
+      for (std::size_t i = 0; i < found.size(); ++i)
+        distance = std::max(distance, std::abs(found[i] - other[i]) / scales[i]);
+      return distance;
+    };
+    CHECK(same(cycle(LimitCycleMethod::newton, model.default_state(), beats)) < 1e-5);
+    CHECK(same(cycle(LimitCycleMethod::kinsol, model.default_state(), beats)) < 1e-5);
+    // Further plain beats stay.
+    std::vector<double> paced = found;
+    PacedCell cell(model, parameters, protocol, integrator);
+    for (int beat = 0; beat < 5; ++beat) {
+      cell.beat(paced);
+      model.hold_invariant(paced.data(), parameters.data(), charge);
+    }
+    CHECK(same(paced) < 2e-6);
+    // Other starts on the same leaf lead to the same cycle, another charge to another.
+    const std::size_t Na = require_index(model.states, "state", "Na_i");
+    for (double sign : {1.0, -1.0}) {
+      std::vector<double> start = model.default_state();
+      start[Na] += sign * c.Na_shift;
+      model.hold_invariant(start.data(), parameters.data(), charge);
+      CHECK(same(cycle(LimitCycleMethod::anderson, start, beats)) < 1e-5);
+    }
+    std::vector<double> start = model.default_state();
+    start[require_index(model.states, "state", c.store)] += c.Ca_shift;
+    model.hold_invariant(start.data(), parameters.data(), charge);
+    CHECK(same(cycle(LimitCycleMethod::anderson, start, beats)) < 1e-5);
+    start = model.default_state();
+    start[Na] += 1;  // and its charge
+    CHECK(same(cycle(LimitCycleMethod::anderson, start, beats)) > 1e-3);
+    // Half the step moves the cycle, by a quarter of what it moves at twice the step.
+    const auto shift = PacedCell(model, parameters, protocol, integrator).integrator_shift(found);
+    REQUIRE(shift);
+    CHECK((*shift > 1e-5 && *shift < 0.05));
+  }
+}

@@ -16,7 +16,8 @@ namespace {
 constexpr auto quiet = Progress::Style::quiet;
 const std::string scenes = std::string(WIGGERS_TEST_DATA) + "/../../scenes/";
 
-// The whole-heart paper's scheme (lagged rate), with more changes on top: what the specification's figures are of.
+// The whole-heart paper's scheme (lagged rate), with more changes on top: what the specification's figures
+// are of.
 std::vector<std::string> founding(const std::vector<std::string>& changes = {}) {
   std::vector<std::string> all = heart_accuracy("founding").overrides;
   all.insert(all.end(), changes.begin(), changes.end());
@@ -172,9 +173,9 @@ TEST_CASE(
 
 TEST_CASE("step error: first order for the lagged rate, nearly none for the implicit rate, one limit") {
   const auto indexes = [](const char* rate, const char* dt) {
-    return finished("whole_heart", founding({std::string("solver.stretch_rate=") + rate,
-                                             std::string("solver.dt_s=") + dt,
-                                             "solver.electrophysiology_integrator=rush-larsen-2"}))
+    return finished("whole_heart",
+                    founding({std::string("solver.stretch_rate=") + rate, std::string("solver.dt_s=") + dt,
+                              "solver.electrophysiology_integrator=rush-larsen-2"}))
         ->indexes();
   };
   const BeatIndexes lagged2 = indexes("lagged", "2e-3"), lagged1 = indexes("lagged", "1e-3"),
@@ -262,17 +263,20 @@ TEST_CASE("every scene shows what its name says") {
 TEST_CASE("variants of the recommended set move the indexes as the specification says") {
   const BeatIndexes base = founding_job().indexes();
   const BeatIndexes rest =
-      finished("whole_heart", founding({"walls.LA.subtract_rest_tension=false", "walls.LV.subtract_rest_tension=false",
-                "walls.RA.subtract_rest_tension=false", "walls.RV.subtract_rest_tension=false"}))
+      finished("whole_heart",
+               founding({"walls.LA.subtract_rest_tension=false", "walls.LV.subtract_rest_tension=false",
+                         "walls.RA.subtract_rest_tension=false", "walls.RV.subtract_rest_tension=false"}))
           ->indexes();
   CHECK(rest.ventricle[0].pressure_max_mmHg == Approx(104.7).margin(0.5));
   CHECK(rest.atrium[0].pressure_mean_mmHg == Approx(13.3).margin(0.3));
-  const BeatIndexes peak = finished("whole_heart", founding({"cells.ventricles.calcium_reading=peak",
-                                                    "solver.electrophysiology_integrator=rush-larsen-2"}))
-                               ->indexes();
+  const BeatIndexes peak =
+      finished("whole_heart", founding({"cells.ventricles.calcium_reading=peak",
+                                        "solver.electrophysiology_integrator=rush-larsen-2"}))
+          ->indexes();
   CHECK(peak.ventricle[0].pressure_max_mmHg == Approx(99.0).margin(0.7));
   CHECK(peak.atrium[0].pressure_mean_mmHg == Approx(18.0).margin(0.5));
-  const BeatIndexes volume = finished("whole_heart", founding({"circulation.initial.total_volume=3141.6"}))->indexes();
+  const BeatIndexes volume =
+      finished("whole_heart", founding({"circulation.initial.total_volume=3141.6"}))->indexes();
   CHECK(volume.ventricle[0].pressure_max_mmHg - base.ventricle[0].pressure_max_mmHg ==
         Approx(9.5).margin(0.4));
   std::vector<std::string> robin;

@@ -62,7 +62,11 @@ TEST_CASE("fixed-step schemes have their order on a smooth window and on the who
   const CellModel& model = find_model("ttp06-endo");
   const PacingProtocol protocol{400, model.default_stimulus};
   const Trace exact = one_beat(model, protocol, {"cvode", 1e-11, 1e-13, 0.02}, 10);
-  for (const Scheme& scheme : {Scheme{"rush-larsen", 1}, {"rush-larsen-2", 2}, {"bdf2-imex", 2}}) {
+  for (const Scheme& scheme : {Scheme{"rush-larsen", 1},
+                               {"rush-larsen-2", 2},
+                               {"bdf2-imex", 2},
+                               {"generalised-rush-larsen", 1},
+                               {"generalised-rush-larsen-2", 2}}) {
     std::vector<double> errors;
     for (double dt : {0.02, 0.01, 0.005}) {
       const Trace trace = one_beat(model, protocol, {scheme.name, 1e-8, 1e-10, dt}, 10);
@@ -115,4 +119,87 @@ TEST_CASE("protocols that make no sense are refused before any work") {
                     Catch::Contains("did you mean 'rush-larsen'"));
   CHECK_THROWS_AS(make({1000, {-20, 2, 0}}, {"rush-larsen", 1e-8, 1e-10, 0}), InputError);
   CHECK_THROWS_AS(make({1000, {-20, 2, 0}}, {"cvode", 0, 1e-10, 0}), InputError);
+}
+
+TEST_CASE("every adaptive integrator gives the same beat, nearer with tighter tolerances") {
+  for (const char* name : {"crn", "ttp06-epi"}) {
+    const CellModel& model = find_model(name);
+    const PacingProtocol protocol{350, {-25.71, 3, 5}};
+    const Trace exact = one_beat(model, protocol, {"cvode", 1e-12, 1e-14, 0}, 0.5);
+    const auto error = [&](const char* integrator, double rtol) {
+      const Trace trace = one_beat(model, protocol, {integrator, rtol, 0.01 * rtol, 0}, 0.5);
+      REQUIRE(trace.t.size() == exact.t.size());
+      double largest = 0;
+      for (std::size_t k = 0; k < trace.t.size(); ++k)
+        largest = std::max(largest, std::abs(trace.y[k][0] - exact.y[k][0]));
+      return largest;
+    };
+    for (const char* integrator : {"cvode", "rosenbrock", "odeint-rosenbrock4"}) {
+      INFO(name << " " << integrator);
+      const double coarse = error(integrator, 1e-5), fine = error(integrator, 1e-8);
+      CHECK(coarse < 0.5);
+      CHECK(fine < 1e-3);
+      CHECK(fine < 0.1 * coarse);
+    }
+    CHECK(error("odeint-dopri5", 1e-6) < 0.02);
+  }
+}
+
+TEST_CASE("Rosenbrock: order four, its steps grow with the tolerance, output does not shorten them") {
+  const CellModel& model = find_model("ttp06-endo");
+  const auto steps = [&](double rtol, double sample_ms) {
+    PacedCell cell(model, model.parameter_values("default"), {800, {-25.71, 3, 0}},
+                   {"rosenbrock", rtol, 0.01 * rtol, 0});
+    std::vector<double> state = model.default_state();
+    cell.beat(state, sample_ms, [](double, const double*, double) {});
+    return cell.counts().steps;
+  };
+  CHECK(steps(1e-5, 0.1) == steps(1e-5, 100));
+  CHECK(steps(1e-8, 100) > 5 * steps(1e-5, 100));
+  CHECK(steps(1e-4, 100) < 500);
+}
+
+TEST_CASE("rates keep to one side of their branch and the crossing is an end of a step") {
+  // With the branch hit exactly, halving tolerances keeps converging through the jump at -40 mV.
+  const CellModel& model = find_model("crn");
+  std::vector<double> ends;
+  for (double rtol : {1e-6, 1e-8, 1e-10}) {
+    PacedCell cell(model, model.parameter_values("default"), {400, {-25.71, 3, 0}},
+                   {"rosenbrock", rtol, 0.01 * rtol, 0});
+    std::vector<double> state = model.default_state();
+    cell.beat(state);
+    ends.push_back(state[0]);
+    CHECK(cell.counts().rejected < 0.2 * static_cast<double>(cell.counts().steps) + 60);
+  }
+  CHECK(std::abs(ends[1] - ends[2]) < 0.05 * std::abs(ends[0] - ends[2]) + 1e-9);
+}
+
+TEST_CASE("a Jacobian in parts is the Jacobian of the whole") {
+  for (const char* name : {"crn", "ttp06-mid", "rdq20"}) {
+    const CellModel& model = find_model(name);
+    const auto parameters = model.parameter_values(model.parameter_sets.front().name);
+    const auto equations = model.equations(parameters);
+    std::vector<double> y = model.default_state(), in, rates(y.size()), other(y.size()),
+                        jacobian(y.size() * y.size());
+    for (const Quantity& q : model.inputs) in.push_back(q.default_value);
+    if (model.is_ionic()) y[0] = -33.3;
+    if (!model.is_ionic())
+      for (std::size_t i = 0; i < 16; ++i) y[i] = (1.0 + static_cast<double>(i)) / 136.0;
+    equations->jacobian(y.data(), in.data(), jacobian.data());
+    equations->evaluate(y.data(), in.data(), rates.data(), nullptr);
+    for (std::size_t column = 0; column < y.size(); ++column) {
+      const double h = 1e-7 * std::max(1e-3, std::abs(y[column]));
+      std::vector<double> up = y, down = y;
+      up[column] += h;
+      down[column] -= h;
+      equations->evaluate(up.data(), in.data(), rates.data(), nullptr);
+      equations->evaluate(down.data(), in.data(), other.data(), nullptr);
+      for (std::size_t row = 0; row < y.size(); ++row) {
+        INFO(name << " d" << model.states[row].name << "/d" << model.states[column].name);
+        const double difference = (rates[row] - other[row]) / (2 * h);
+        CHECK(jacobian[row + y.size() * column] ==
+              Approx(difference).epsilon(2e-4).margin(1e-5 * (1 + std::abs(rates[row]) / h * 1e-9)));
+      }
+    }
+  }
 }

@@ -145,7 +145,8 @@ std::string surrogate(double dt, bool stress, bool volumes, int beats) {
        {std::tuple{"left", 160, 15e5}, {"septum", 160, 15e5}, {"right", 165, 10.5e5}})
     text << "[walls.ventricles." << name << "]\ncells = \"ventricles\"\nactivation_ms = " << activation
          << "\na_XB_kPa = " << a_XB << "\n";
-  text << "[solver]\nstretch_rate = \"lagged\"\nregulation = \"forward-euler\"\ndt_s = " << dt << "\n[solver.stabilise]\nactive_stress = " << (stress ? "true" : "false")
+  text << "[solver]\nstretch_rate = \"lagged\"\nregulation = \"forward-euler\"\ndt_s = " << dt
+       << "\n[solver.stabilise]\nactive_stress = " << (stress ? "true" : "false")
        << "\nvolumes = " << (volumes ? "true" : "false") << "\n[run]\n";
   if (beats > 0)
     text << "beats = " << beats << "\n";

@@ -113,10 +113,11 @@ def test_a_device_that_takes_nothing(wiggers):
 
 
 def test_a_run_that_breaks_down_says_where_and_keeps_the_last_good_state(wiggers, tmp_path):
-    outcome = wiggers("run", SCENES / "elastance_healthy.toml", "--set", "solver.dt_s=8e-3", "--set", "run.until=beats",
-                      "--set", "run.beats=3", "-o", "r.h5", "--json")
+    outcome = wiggers("run", SCENES / "whole_heart.toml", "--accuracy", "founding", "--set", "solver.dt_s=2e-3",
+                      "--set", "solver.stabilise.volumes=false", "--set", "run.until=beats", "--set", "run.beats=4",
+                      "-o", "r.h5", "--json")
     assert outcome.status == 1
-    assert "3.85 ms" in outcome.err and "last good state" in outcome.err
+    assert "diverged" in outcome.err and "last good state" in outcome.err
     import h5py
 
     with h5py.File(tmp_path / "r.h5") as file:
@@ -186,3 +187,25 @@ def test_silent_cells_are_reported(wiggers):
 def test_another_kind_of_wall_replaces_the_table(wiggers):
     outcome = wiggers("check", SCENES / "whole_heart.toml", "--set", "walls.LV.kind=elastance")
     assert outcome.status == 0 and "LV: elastance" in outcome.out
+
+
+def test_trade_extremes_and_accuracies_refuse_what_they_cannot_do(wiggers, tmp_path):
+    (tmp_path / "file").write_text("")
+    for words, hint in (
+        (["run", SCENES / "whole_heart.toml", "--set", "solver.dt_s=8e-3"], "3.85 ms"),
+        (["run", SCENES / "whole_heart.toml", "--accuracy", "standart"], "did you mean 'standard'"),
+        (["run", SCENES / "triseg.toml", "--monolithic"], "triseg"),
+        (["run", SCENES / "whole_heart.toml", "--monolithic", "-o", "x.h5"], ".csv"),
+        (["cell", "crn", "--beats", 1, "--accuracy", "founding"], "reference"),
+        (["cell", "crn", "--until", "limit-cycle", "--method", "neuton"], "did you mean 'newton'"),
+        (["trade", "cell", "rdq20"], "wiggers trade force"),
+        (["trade", "cell", "crm"], "did you mean 'crn'"),
+        (["trade", "force", "fedele"], "fedele2023"),
+        (["trade", "loop", "--quiet", "--tolerance", "presure=1"], "did you mean 'pressure'"),
+        (["trade", "force", "-o", "file"], "is a file"),
+        (["extremes", "ttp06"], "ttp06-endo"),
+        (["extremes", "loop", "--draws", -1], "--draws"),
+    ):
+        outcome = wiggers(*words)
+        assert outcome.status == 2, words
+        assert hint in outcome.err, (words, outcome.err)

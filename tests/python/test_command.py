@@ -245,3 +245,59 @@ def test_reference_pages_are_in_step(wiggers):
         if model == "circulation":
             text += wiggers("models", model, "--sets").out
         assert (SCENES.parent / "docs" / "reference" / f"{model}.txt").read_text() == text, "run make reference"
+
+
+def test_trade_writes_table_picture_and_recommendation(wiggers, tmp_path):
+    outcome = wiggers("trade", "loop", "--quiet", "--tolerance", "pressure=0.01mmHg", "-o", "study")
+    assert outcome.status == 0
+    assert "recommended: runge-kutta-4" in outcome.out
+    study = json.loads((tmp_path / "study" / "trade.json").read_text())
+    rows = [row for row in study["rows"] if "errors" in row]
+    chosen = [row for row in rows if row["recommended"]]
+    assert len(chosen) == 1 and chosen[0]["errors"][0] <= 0.01
+    cheaper = [row for row in rows if row["cost_s"] < chosen[0]["cost_s"]]
+    assert all(row["errors"][0] > 0.01 for row in cheaper)
+    assert any("failure" in row for row in study["rows"])
+    assert (tmp_path / "study" / "trade.png").stat().st_size > 10_000
+    assert "| runge-kutta-4 |" in (tmp_path / "study" / "trade.md").read_text()
+    unmet = wiggers("trade", "loop", "--quiet", "--tolerance", "pressure=1e-12")
+    assert unmet.status == 1 and "no setting" in unmet.err
+
+
+def test_extremes_maps_steps_and_draws(wiggers, tmp_path):
+    outcome = wiggers("extremes", "loop", "--quiet", "--beats", 2, "--draws", 40, "-o", "map.json")
+    assert outcome.status == 0 and " 0 unexplained" in outcome.out
+    study = json.loads((tmp_path / "map.json").read_text())
+    base = {row["scheme"]: row for row in study["rows"] if row["condition"] == "as given"}
+    # 2 L/R of the systemic veins, 3.85 ms; Runge-Kutta 4 bears 2.785/2 times that.
+    assert 3.3 < base["forward-euler"]["stable"] < 4.3
+    assert 4.6 < base["runge-kutta-4"]["stable"] < 5.8
+    assert base["forward-euler"]["accurate"] < base["forward-euler"]["stable"]
+    assert study["draws"]["draws"] == 40
+    again = wiggers("extremes", "loop", "--quiet", "--beats", 2, "--draws", 40)
+    assert again.out.splitlines()[-3:] == outcome.out.splitlines()[-4:-1]  # seeded
+
+
+def test_accuracies_state_what_to_expect(wiggers, tmp_path):
+    apd = {}
+    for accuracy in ("draft", "standard", "reference"):
+        outcome = wiggers("cell", "ttp06-endo", "--beats", 1, "--sample-ms", 0.1, "--accuracy", accuracy, "--json")
+        assert outcome.status == 0 and f"accuracy {accuracy}: " in outcome.out
+        apd[accuracy] = json.loads(outcome.out.splitlines()[-1])["APD90_ms"]
+    assert abs(apd["draft"] - apd["reference"]) < 0.05
+    assert abs(apd["standard"] - apd["reference"]) < 1e-4
+
+
+def test_certificate_of_a_cell_and_monolithic_run(wiggers, tmp_path):
+    outcome = wiggers("cell", "crn", "--until", "limit-cycle", "--period-ms", 800, "--integrator", "rush-larsen-2",
+                      "--dt-ms", 0.1, "--json")
+    assert outcome.status == 0
+    cycle = json.loads(outcome.out.splitlines()[-1])["limit_cycle"]
+    assert cycle["verdict"] == "period-1" and cycle["distance"] <= 1e-6 and cycle["beats"] <= 40
+    assert 0.99 < cycle["multiplier"] < 1
+    assert cycle["invariant_mV"] != 0 and abs(cycle["invariant_drift_mV"]) > 0
+    assert 1e-5 < cycle["integrator_shift"] < 0.1
+    outcome = wiggers("run", SCENES / "whole_heart.toml", "--monolithic", "--quiet", "-o", "beat.csv")
+    assert outcome.status == 0 and "monolithic by CVODE" in outcome.out
+    rows = (tmp_path / "beat.csv").read_text().splitlines()
+    assert len(rows) == 3202 and rows[0].startswith("t_s")
