@@ -4,6 +4,7 @@
 // evaluation. Code that steps many cells uses the model templates and CellPopulation (population.hpp).
 #pragma once
 
+#include <cstdint>
 #include <limits>
 #include <memory>
 #include <span>
@@ -81,6 +82,8 @@ class CellModel {
   virtual void hold_invariant(double* y, const double* parameters, double value) const = 0;
 
   std::vector<double> default_state() const;
+  // A number that tells parameter sets apart: saved with states, and compared when they are read.
+  std::uint32_t fingerprint(const std::vector<double>& parameters) const;
 
  protected:
   virtual std::unique_ptr<AdaptiveIntegrator> rosenbrock(const std::vector<double>& parameters,

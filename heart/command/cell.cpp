@@ -28,7 +28,7 @@ struct Options {
   bool stimulus_given = false, duration_given = false;
   int beats = 0, max_beats = 2000;
   std::string method = "anderson";
-  bool quiet = false, json = false;
+  bool quiet = false, json = false, other_parameters = false;
 };
 
 // Cross-check with another implementation: derivatives and observables at given states.
@@ -77,9 +77,28 @@ void evaluate_rows(const CellModel& model, const std::vector<double>& parameters
   fmt::print("{}: {} rows, derivatives of {} states: {}\n", model.name, states.n_rows(), y.size(), o.output);
 }
 
-// The last row of a table of states by name.
-std::vector<double> read_state(const CellModel& model, const std::string& path) {
+// A saved state carries a column of this name and its model's, with the fingerprint of the parameters.
+constexpr std::string_view saved_by = "fingerprint of ";
+
+// The last row of a table of states by name. Refuses a state of another model or, unless asked for, of other
+// parameters.
+std::vector<double> read_state(const CellModel& model, const std::vector<double>& parameters,
+                               const std::string& path, bool other_parameters) {
   const Table table = read_csv(path);
+  for (const Column& column : table.columns) {
+    if (!column.name.starts_with(saved_by)) continue;
+    const std::string saved_model = column.name.substr(saved_by.size());
+    if (saved_model != model.name)
+      throw InputError(fmt::format("{}: this state is of model {}, not of {}", path, saved_model, model.name));
+    if (!other_parameters && column.values.back() != static_cast<double>(model.fingerprint(parameters)))
+      throw InputError(fmt::format(
+          "{}: this state was saved with other parameters of {} (fingerprint {:.0f}, now {}); give the same --parameters "
+          "and --set, or --other-parameters to start from it all the same",
+          path, model.name, column.values.back(), model.fingerprint(parameters)));
+  }
+  for (const Quantity& q : model.states)
+    if (const Column* column = table.find(q.name); column && !column->unit.empty() && column->unit != q.unit)
+      throw InputError(fmt::format("{}: state {} is in {}, it must be in {}", path, q.name, column->unit, q.unit));
   std::vector<double> y;
   for (const Quantity& q : model.states) {
     const double value = table.at(q.name).values.back();
@@ -127,7 +146,7 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   if (o.duration_given) pulse.duration_ms = o.duration_ms;
   pulse.onset_ms = o.onset_ms;
   PacedCell cell(model, parameters, {o.period_ms, pulse}, {o.integrator, o.rtol, o.atol, o.dt_ms});
-  std::vector<double> state = o.start.empty() ? model.default_state() : read_state(model, o.start);
+  std::vector<double> state = o.start.empty() ? model.default_state() : read_state(model, parameters, o.start, o.other_parameters);
   const double charge = model.invariant(state.data(), parameters.data());
 
   Progress progress(fmt::format("cell {}", model.name),
@@ -226,6 +245,8 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   }
   if (!o.final_state.empty()) {
     Table last;
+    last.add(std::string(saved_by) + std::string(model.name), "1").values = {
+        static_cast<double>(model.fingerprint(parameters))};
     for (std::size_t i = 0; i < model.states.size(); ++i)
       last.add(std::string(model.states[i].name), std::string(model.states[i].unit)).values = {state[i]};
     write_csv(o.final_state, last);
@@ -271,6 +292,7 @@ void add_cell(CLI::App& app) {
   verb->add_option("--stimulus-onset-ms", o->onset_ms, "onset of the stimulus in the period, ms [0]");
   verb->add_option("--start", o->start,
                    "CSV with the starting state (last row, states by name) [published values]");
+  verb->add_flag("--other-parameters", o->other_parameters, "accept a --start saved with other parameters");
   verb->add_option("--final-state", o->final_state, "write the final state to this CSV");
   verb->add_option("--rhs", o->rhs, "CSV with states: write derivatives and currents to -o, pace nothing");
   verb->add_option("-o,--output", o->output, "CSV or HDF5 (.h5) file of the last beat");

@@ -209,3 +209,18 @@ def test_trade_extremes_and_accuracies_refuse_what_they_cannot_do(wiggers, tmp_p
         outcome = wiggers(*words)
         assert outcome.status == 2, words
         assert hint in outcome.err, (words, outcome.err)
+
+
+def test_a_saved_state_knows_its_model_and_parameters(wiggers, tmp_path):
+    fast = ["--beats", 1, "--period-ms", 300, "--accuracy", "draft"]
+    assert wiggers("cell", "crn", *fast, "--final-state", "end.csv").status == 0
+    assert wiggers("cell", "crn", *fast, "--start", "end.csv").status == 0
+    other = wiggers("cell", "crn", *fast, "--start", "end.csv", "--set", "g_CaL=0.1")
+    assert other.status == 2 and "other parameters" in other.err
+    assert wiggers("cell", "crn", *fast, "--start", "end.csv", "--set", "g_CaL=0.1", "--other-parameters").status == 0
+    wrong = wiggers("cell", "ttp06-endo", *fast, "--start", "end.csv")
+    assert wrong.status == 2 and "of model crn" in wrong.err
+    text = (tmp_path / "end.csv").read_text()
+    (tmp_path / "unit.csv").write_text(text.replace("V [mV]", "V [V]"))
+    unit = wiggers("cell", "crn", *fast, "--start", "unit.csv")
+    assert unit.status == 2 and "mV" in unit.err
