@@ -3,7 +3,8 @@
 #   make heartbeat   install what is missing, build, run the main job, say where the pictures are
 #   make test        the same from nothing, and run all tests
 #   make build       install and build; the command is build/wiggers
-#   make nightly     the long tests: sanitizers, minimal build, formatting, benchmarks
+#   make nightly     the long tests: sanitizers, minimal build, formatting, extremes, fuzzing, benchmarks
+#   make trade       measure the tables of docs/trade.md and docs/extremes.md on this machine
 #   make reference   write docs/reference from the models' own fact sheets
 #   make format      format the C++ sources
 #   make help        these lines
@@ -14,7 +15,7 @@ SHELL := /bin/bash
 PACKAGES := g++ cmake ninja-build git ca-certificates python3-venv \
   libeigen3-dev libsundials-dev libhdf5-dev libfmt-dev libboost-dev libtoml11-dev libcli11-dev \
   nlohmann-json3-dev catch2 libbenchmark-dev
-NIGHTLY_PACKAGES := clang-format
+NIGHTLY_PACKAGES := clang-format libxsimd-dev
 BUILD := build
 PYTHON := .venv/bin/python
 JOBS := $(shell nproc)
@@ -30,7 +31,7 @@ define install
 	fi
 endef
 
-.PHONY: help setup packages build test heartbeat nightly format check-format reference clean
+.PHONY: trade help setup packages build test heartbeat nightly format check-format reference clean
 help:
 	@sed -n 's/^#   //p' Makefile
 
@@ -71,7 +72,17 @@ nightly: setup
 	@ctest --test-dir build-sanitize --output-on-failure -j $(JOBS)
 	@cmake --preset minimal && cmake --build build-minimal -j $(JOBS) && ctest --test-dir build-minimal --output-on-failure -j $(JOBS)
 	@$(MAKE) --no-print-directory test
+	@for s in crn ttp06-endo ttp06-mid ttp06-epi rdq20 loop scenes/whole_heart.toml scenes/triseg.toml; do \
+	  echo "extremes of $$s"; $(BUILD)/wiggers extremes $$s --quiet > $(BUILD)/extremes.log || { cat $(BUILD)/extremes.log; exit 1; }; done
+	@for seed in 2 3 4; do for s in crn ttp06-epi rdq20 loop; do \
+	  $(BUILD)/wiggers extremes $$s --quiet --beats 1 --seed $$seed > $(BUILD)/extremes.log || { cat $(BUILD)/extremes.log; exit 1; }; done; done
+	@WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) WIGGERS_REFERENCE=none $(PYTHON) -m pytest -q -p no:cacheprovider tests/python/fuzz_scenes.py
+	@$(BUILD)/bench_cells
 	@$(BUILD)/bench_heart
+
+# The tables of docs/trade.md and docs/extremes.md, measured on this machine (some minutes).
+trade: build
+	@$(PYTHON) heart/report/make_docs.py $(BUILD)/wiggers docs
 
 reference: build
 	@mkdir -p docs/reference

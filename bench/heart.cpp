@@ -1,10 +1,8 @@
-// Cost of one beat of the reduced whole heart, of an elastance heart, of a loop, and of one cell step.
+// Cost of one beat of the reduced whole heart, of an elastance heart and of a loop, and of their ways to the cycle.
 #include <benchmark/benchmark.h>
 #include <sys/resource.h>
 
-#include <wiggers/cellmodels/crn.hpp>
-#include <wiggers/cellmodels/ttp06.hpp>
-#include <wiggers/core/fixed_step.hpp>
+#include <wiggers/heart/accuracy.hpp>
 #include <wiggers/heart/run.hpp>
 
 using namespace wiggers;
@@ -31,32 +29,47 @@ void loop_beat(benchmark::State& state, const char* integrator) {
   for (auto _ : state) solver.beat(values);
 }
 
-template <class Model>
-void cell_step(benchmark::State& state) {
-  auto parameters = defaults_of(Model::parameters);
-  const auto constants = Model::constants(parameters.data());
-  auto y = defaults_of(Model::states);
-  const double no_stimulus[1] = {0};
-  RushLarsen1<Model, double> integrator;
+// From the set's initial values to a distance of 1e-8, C_VEN_SYS = 60 (baseline75).
+void loop_cycle(benchmark::State& state, const char* integrator) {
+  LoopIntegrator settings;
+  settings.name = integrator;
+  const LoopSolver solver(find_circulation_set("baseline75").loop, settings);
+  int beats = 0;
   for (auto _ : state) {
-    integrator.step(0.05, y.data(), no_stimulus, constants);
-    benchmark::DoNotOptimize(y);
+    CirculationValues values = solver.loop().initial;
+    LimitCycleSettings cycle;
+    cycle.distance = 1e-8;
+    cycle.plain_beats = 2;
+    cycle.relaxing_beats = 0;
+    beats = solver.to_limit_cycle(values, cycle).beats;
+  }
+  state.counters["beats"] = beats;
+}
+
+// Cells and heart from the scene's start to the certified cycle.
+void cold_start(benchmark::State& state, const char* scene) {
+  for (auto _ : state) {
+    HeartRun run(read_scene(std::string(WIGGERS_SCENES) + "/" + scene, {"run.distance=1e-5"}));
+    run.prepare(Progress::Style::quiet);
+    run.advance(Progress::Style::quiet, {});
   }
 }
 
 }  // namespace
 
-BENCHMARK_CAPTURE(heart_beat, whole_heart_1ms_50us, "whole_heart.toml", {})->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(heart_beat, whole_heart_rush_larsen_2, "whole_heart.toml",
-                  {"solver.electrophysiology_integrator=rush-larsen-2"})
+// The presets of --accuracy, as overrides of the scene.
+BENCHMARK_CAPTURE(heart_beat, whole_heart_draft, "whole_heart.toml", heart_accuracy("draft").overrides)
     ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(heart_beat, whole_heart_implicit_rate, "whole_heart.toml", {"solver.stretch_rate=implicit"})
+BENCHMARK_CAPTURE(heart_beat, whole_heart_standard, "whole_heart.toml", heart_accuracy("standard").overrides)
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(heart_beat, whole_heart_founding, "whole_heart.toml", heart_accuracy("founding").overrides)
     ->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(heart_beat, elastance_heart_1ms, "elastance_healthy.toml", {})
     ->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(loop_beat, forward_euler_1ms, "forward-euler")->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(loop_beat, cvode_1e9, "cvode")->Unit(benchmark::kMillisecond);
-BENCHMARK_TEMPLATE(cell_step, Crn);
-BENCHMARK_TEMPLATE(cell_step, Ttp06<Ttp06Type::endo>);
+BENCHMARK_CAPTURE(loop_cycle, runge_kutta_4_1ms, "runge-kutta-4")->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(loop_cycle, cvode_1e9, "cvode")->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(cold_start, whole_heart, "whole_heart.toml")->Unit(benchmark::kMillisecond);
 
 BENCHMARK_MAIN();
