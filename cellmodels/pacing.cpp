@@ -57,6 +57,12 @@ void PacedCell::check_range(double t, const double* state) const {
     const double relative =
         is_adaptive(integrator_.name) ? std::max(1e-6, 20 * integrator_.relative_tolerance) : 1e-6;
     const double slack = relative * (std::isfinite(q.upper) ? std::max(1.0, std::abs(q.upper)) : 1.0);
+    if (!std::isfinite(state[i]))
+      throw NumericalFailure(fmt::format(
+          "{}: state {} left its physical range {} to {} {} and is no number at t = {:.4g} ms of the beat (integrator "
+          "{}{}). Try a smaller step, or integrator rush-larsen or cvode.",
+          model_.name, q.name, q.lower, q.upper, q.unit, t, integrator_.name,
+          is_adaptive(integrator_.name) ? std::string() : fmt::format(", dt {} ms", integrator_.dt_ms)));
     if (!std::isfinite(state[i]) || state[i] < q.lower - slack || state[i] > q.upper + slack)
       throw NumericalFailure(fmt::format(
           "{}: state {} = {} {} left its physical range {} to {} at t = {:.4g} ms of the beat (integrator "
