@@ -99,7 +99,8 @@ void scalar_rdq20(benchmark::State& state) {
 // One beat of one cell with error control: APD90 within 0.01 ms (docs/trade.md).
 void one_beat(benchmark::State& state, const char* name, const char* integrator, double rtol) {
   const CellModel& model = find_model(name);
-  PacedCell cell(model, model.parameter_values("default"), {800, {-25.71, 3, 0}}, {integrator, rtol, 0.01 * rtol, 0});
+  PacedCell cell(model, model.parameter_values("default"), {800, {-25.71, 3, 0}},
+                 {integrator, rtol, 0.01 * rtol, 0});
   for (auto _ : state) {
     std::vector<double> y = model.default_state();
     cell.beat(y);
@@ -112,7 +113,8 @@ void limit_cycle(benchmark::State& state, const char* name, const char* integrat
   const CellModel& model = find_model(name);
   int beats = 0;
   for (auto _ : state) {
-    PacedCell cell(model, model.parameter_values("default"), {800, {-25.71, 3, 0}}, {integrator, 1e-8, 1e-10, dt_ms});
+    PacedCell cell(model, model.parameter_values("default"), {800, {-25.71, 3, 0}},
+                   {integrator, 1e-8, 1e-10, dt_ms});
     std::vector<double> y = model.default_state();
     beats = cell.to_limit_cycle(y, {}).beats;
   }
@@ -123,7 +125,8 @@ void limit_cycle(benchmark::State& state, const char* name, const char* integrat
 template <class V>
 void our_exp(benchmark::State& state) {
   std::vector<typename V::Scalar> x(4096), y(4096);
-  for (std::size_t i = 0; i < x.size(); ++i) x[i] = static_cast<typename V::Scalar>(-20 + 0.01 * static_cast<double>(i));
+  for (std::size_t i = 0; i < x.size(); ++i)
+    x[i] = static_cast<typename V::Scalar>(-20 + 0.01 * static_cast<double>(i));
   for (auto _ : state) {
     for (std::size_t i = 0; i < x.size(); i += V::lanes) exp(V::load(&x[i])).store(&y[i]);
     benchmark::DoNotOptimize(y.data());
@@ -147,7 +150,8 @@ void xsimd_exp(benchmark::State& state) {
   std::vector<double> x(4096), y(4096);
   for (std::size_t i = 0; i < x.size(); ++i) x[i] = -20 + 0.01 * static_cast<double>(i);
   for (auto _ : state) {
-    for (std::size_t i = 0; i < x.size(); i += V::size) xsimd::exp(V::load_unaligned(&x[i])).store_unaligned(&y[i]);
+    for (std::size_t i = 0; i < x.size(); i += V::size)
+      xsimd::exp(V::load_unaligned(&x[i])).store_unaligned(&y[i]);
     benchmark::DoNotOptimize(y.data());
     benchmark::ClobberMemory();
   }
@@ -207,15 +211,16 @@ int main(int argc, char** argv) {
     s.single_precision = true;
     add("rdq20", std::string("frozen-midpoint-1ms/float/") + set, s, 1024);
   }
-  benchmark::RegisterBenchmark("one-beat/ttp06-endo/rosenbrock-3e-4", one_beat, "ttp06-endo", "rosenbrock", 3e-4)
+  benchmark::RegisterBenchmark("one-beat/ttp06-endo/rosenbrock-3e-4", one_beat, "ttp06-endo", "rosenbrock",
+                               3e-4)
       ->Unit(benchmark::kMillisecond);
   benchmark::RegisterBenchmark("one-beat/crn/rosenbrock-1e-4", one_beat, "crn", "rosenbrock", 1e-4)
       ->Unit(benchmark::kMillisecond);
   for (const char* name : {"ttp06-endo", "crn"})
     for (double dt : {0.05, 0.1})
       benchmark::RegisterBenchmark(
-          (std::string("limit-cycle/") + name + "/rush-larsen/dt:" + std::to_string(dt)).c_str(), limit_cycle, name,
-          "rush-larsen", dt)
+          (std::string("limit-cycle/") + name + "/rush-larsen/dt:" + std::to_string(dt)).c_str(), limit_cycle,
+          name, "rush-larsen", dt)
           ->Unit(benchmark::kMillisecond);
   benchmark::RegisterBenchmark("exp/libm", libm_exp);
   benchmark::RegisterBenchmark("exp/ours/baseline", our_exp<Vec<double, 2, isa::Baseline>>);

@@ -1,4 +1,5 @@
-// Cost of one beat of the reduced whole heart, of an elastance heart and of a loop, and of their ways to the cycle.
+// Cost of one beat of the reduced whole heart, of an elastance heart and of a loop, and of their ways to the
+// cycle.
 #include <benchmark/benchmark.h>
 #include <sys/resource.h>
 

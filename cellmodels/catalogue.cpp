@@ -208,7 +208,8 @@ std::unique_ptr<AdaptiveIntegrator> CellModel::adaptive(std::string_view integra
 std::uint32_t CellModel::fingerprint(const std::vector<double>& values) const {
   std::uint32_t hash = 2166136261u;
   const auto add = [&](const void* bytes, std::size_t count) {
-    for (std::size_t i = 0; i < count; ++i) hash = (hash ^ static_cast<const unsigned char*>(bytes)[i]) * 16777619u;
+    for (std::size_t i = 0; i < count; ++i)
+      hash = (hash ^ static_cast<const unsigned char*>(bytes)[i]) * 16777619u;
   };
   add(name.data(), name.size());
   add(values.data(), values.size() * sizeof(double));

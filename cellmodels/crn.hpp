@@ -191,11 +191,11 @@ struct Crn {
                    1},
   };
 
-  // Constants that follow from the parameters, computed once, not once a step.
   // The rates of the gates h and j jump here. Integrators that look ahead keep to one side over a step and
   // stop at the crossing: they set the derived constant rate_branch beyond reach meanwhile.
   static constexpr double branch_potential = -40.0;
 
+  // Constants that follow from the parameters, computed once, not once a step.
   template <class P>
   struct Constants {
     P p[parameters.size()];

@@ -59,7 +59,8 @@ void PacedCell::check_range(double t, const double* state) const {
     const double slack = relative * (std::isfinite(q.upper) ? std::max(1.0, std::abs(q.upper)) : 1.0);
     if (!std::isfinite(state[i]))
       throw NumericalFailure(fmt::format(
-          "{}: state {} left its physical range {} to {} {} and is no number at t = {:.4g} ms of the beat (integrator "
+          "{}: state {} left its physical range {} to {} {} and is no number at t = {:.4g} ms of the beat "
+          "(integrator "
           "{}{}). Try a smaller step, or integrator rush-larsen or cvode.",
           model_.name, q.name, q.lower, q.upper, q.unit, t, integrator_.name,
           is_adaptive(integrator_.name) ? std::string() : fmt::format(", dt {} ms", integrator_.dt_ms)));
@@ -189,7 +190,8 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
   return find_limit_cycle(map, settings, state, after_beat);
 }
 
-std::optional<double> PacedCell::integrator_shift(const std::vector<double>& on_cycle) const {
+std::optional<double> PacedCell::integrator_shift(const std::vector<double>& on_cycle,
+                                                  const std::function<void()>& between_beats) const {
   CellIntegrator finer = integrator_;
   finer.dt_ms *= 0.5;
   finer.relative_tolerance = std::max(1e-13, 0.1 * finer.relative_tolerance);
@@ -199,7 +201,14 @@ std::optional<double> PacedCell::integrator_shift(const std::vector<double>& on_
   settings.max_beats = 100;
   std::vector<double> moved = on_cycle;
   PacedCell cell(model_, parameters_, protocol_, finer);
-  if (cell.to_limit_cycle(moved, settings).verdict != LimitCycleVerdict::period_1) return std::nullopt;
+  try {
+    const auto certificate = cell.to_limit_cycle(moved, settings, [&](const LimitCycleCertificate&) {
+      if (between_beats) between_beats();
+    });
+    if (certificate.verdict != LimitCycleVerdict::period_1) return std::nullopt;
+  } catch (const NumericalFailure&) {
+    return std::nullopt;  // the finer integrator asks for more than double precision has
+  }
   const std::vector<double> s = scales(on_cycle);
   double largest = 0;
   for (std::size_t i = 0; i < s.size(); ++i)

@@ -1,4 +1,4 @@
-// One paced cell: beats, sampled traces, limit cycles; with CVODE or any fixed-step integrator.
+// One paced cell: beats, sampled traces, limit cycles; with any adaptive or fixed-step integrator.
 #pragma once
 
 #include <functional>
@@ -52,7 +52,8 @@ class PacedCell {
   // How far the cycle itself moves, in scaled units, if the step is halved (adaptive: the tolerance divided
   // by ten): the finer integrator is brought to its own cycle from this one, to a distance of 1e-5. Nothing
   // if it finds none.
-  std::optional<double> integrator_shift(const std::vector<double>& on_cycle) const;
+  std::optional<double> integrator_shift(const std::vector<double>& on_cycle,
+                                         const std::function<void()>& between_beats = {}) const;
 
   // Drift of the invariant over the last beat, before it was held (mV).
   double invariant_drift() const { return invariant_drift_; }

@@ -176,6 +176,10 @@ struct CellPopulation::StorageOf final : Storage {
   }
 
   void step(double h, int n_steps) override {
+    // Lanes past the last cell are that cell again: they can fail only where it fails, too.
+    for (std::size_t lane = n_cells_; lane < n_blocks_ * width; ++lane)
+      for (std::size_t i = 0; i < n_states_; ++i)
+        states_[index(lane, i, n_states_)] = states_[index(n_cells_ - 1, i, n_states_)];
     KernelCall<Real> call;
     if (settings_.table_spacing_mV > 0) {
       const double decay_step = settings_.integrator == "rush-larsen-2" ? 0.5 * h : h;
@@ -215,7 +219,9 @@ struct CellPopulation::StorageOf final : Storage {
                           model_.time_unit, sizeof(Real) == 4 ? " or double precision" : ""));
       }
     throw NumericalFailure(
-        fmt::format("{}: a rate left what integrator {} can take within a step of {} {}. Try a smaller step.",
+        fmt::format("{}: a rate, or a potential on its way out of the tables, left what integrator {} can "
+                    "take within a step of {} "
+                    "{}. Try a smaller step.",
                     model_.name, settings_.integrator, h, model_.time_unit));
   }
 
@@ -263,6 +269,14 @@ CellPopulation::~CellPopulation() = default;
 CellPopulation::CellPopulation(CellPopulation&&) noexcept = default;
 
 namespace {
+// A state may overshoot its bounds by what the kernels allow: what was read out can be put back.
+void check_state(const Quantity& q, double value, const std::string& place) {
+  Quantity wide = q;
+  const double slack = 1e-4 * std::max(1.0, std::abs(q.upper));
+  if (q.unit == "1") wide.lower -= slack;
+  wide.upper += slack;
+  check_range(wide, value, place);
+}
 void require_size(std::size_t given, std::size_t wanted, std::string_view name) {
   if (given != wanted) throw InputError(fmt::format("{}: {} values given for {}", name, given, wanted));
 }
@@ -295,7 +309,7 @@ void CellPopulation::set_state_of(std::size_t cell, std::span<const double> stat
   if (cell >= n_cells_) throw InputError(fmt::format("cell {} of a population of {}", cell, n_cells_));
   require_size(state.size(), model_.states.size(), "state");
   for (std::size_t i = 0; i < state.size(); ++i) {
-    check_range(model_.states[i], state[i], fmt::format("{}: cell {}", model_.name, cell));
+    check_state(model_.states[i], state[i], fmt::format("{}: cell {}", model_.name, cell));
     storage_->set(cell, i, state[i]);
   }
 }
@@ -308,7 +322,7 @@ void CellPopulation::write_state(std::string_view name, std::span<const double> 
   const std::size_t state = require_index(model_.states, "state", name);
   require_size(values.size(), n_cells_, name);
   for (std::size_t cell = 0; cell < n_cells_; ++cell) {
-    check_range(model_.states[state], values[cell], fmt::format("{}: cell {}", model_.name, cell));
+    check_state(model_.states[state], values[cell], fmt::format("{}: cell {}", model_.name, cell));
     storage_->set(cell, state, values[cell]);
   }
 }

@@ -57,7 +57,7 @@ class CellPopulation {
   void write_state(std::string_view name, std::span<const double> values);
 
   // n_steps steps of h (in the model's time unit) with the inputs held. Afterwards every state is checked:
-  // one that left its range, or a potential outside the tables, throws NumericalFailure with cell, state,
+  // one that left its range throws NumericalFailure with cell, state,
   // value, step and what to try.
   void step(double h, int n_steps = 1);
 

@@ -71,6 +71,10 @@ class Rdq20Midpoint {
       stay[i] = rates.left[a][b] + centre[i] + rates.right[b][cc] + calcium[i];  // exit rate, for now
       fastest = max(fastest, stay[i]);
     }
+    // max() may drop a NaN; a sum does not.
+    N all(0.0);
+    for (int i = 0; i < n; ++i) all = all + stay[i];
+    if (!std::isfinite(largest_lane(all))) return false;
     const double L = largest_lane(fastest);
     const double exponent = k * L;
     if (!(exponent <= largest_exponent)) return false;

@@ -55,6 +55,13 @@ class Rosenbrock4 final : public AdaptiveIntegrator {
         if constexpr (has_branch)
           crossed = (proposal[Model::membrane_potential] < Model::branch_potential) != lower_side_;
         const double asked = h;
+        if (crossed && on_branch(y)) {
+          // The step began on the branch potential and leaves it to the other side: those rates from the
+          // start.
+          choose_side(!lower_side_);
+          differentiate(y, inputs, f0);
+          continue;
+        }
         if (crossed) h = step_to_branch(h, y, inputs, f0, proposal);
         std::copy(y, y + n, before.begin());
         f_before = f0;
@@ -104,6 +111,10 @@ class Rosenbrock4 final : public AdaptiveIntegrator {
     return y;
   }
 
+  static bool on_branch(const double* y) {
+    if constexpr (has_branch) return std::abs(y[Model::membrane_potential] - Model::branch_potential) < 1e-8;
+    return false;
+  }
   // Rates of one side of the branch potential, wherever the stages go.
   void choose_side(bool lower) {
     lower_side_ = lower;

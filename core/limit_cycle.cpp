@@ -13,9 +13,6 @@ namespace wiggers {
 
 namespace {
 
-// A search that its map's noise ends farther from the cycle than this has not found it.
-constexpr double largest_noisy_distance = 1e-4;
-
 // After a jump along the slow directions the fast ones are out of step, and the change over a beat grows
 // although the state is nearer to the cycle (CRN: thirtyfold). Only a growth beyond that means that the jump
 // went astray.

@@ -30,6 +30,9 @@ struct LimitCycleSettings {
 enum class LimitCycleVerdict { running, period_1, period_2, drifting, not_converged };
 std::string to_string(LimitCycleVerdict verdict);
 
+// A search that its map's noise ends farther from the cycle than this has not found it.
+inline constexpr double largest_noisy_distance = 1e-4;
+
 struct LimitCycleCertificate {
   LimitCycleVerdict verdict = LimitCycleVerdict::running;
   double distance = 0;    // estimated scaled distance of the last P(x) to the cycle

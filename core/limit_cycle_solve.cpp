@@ -89,9 +89,21 @@ LimitCycleCertificate newton(const BeatMap& map, const LimitCycleSettings& setti
   Eigen::PartialPivLU<Eigen::MatrixXd> lu;
   bool have_jacobian = false;
   double last_step = 0;
+  State before;
   while (certificate.beats < settings.max_beats) {
-    const State image = map.beat(state);
+    State image;
+    try {
+      image = map.beat(state);
+    } catch (const NumericalFailure&) {
+      // The step went too far: half of it, from where it began.
+      if (before.empty()) throw;
+      ++certificate.beats;
+      for (std::size_t i = 0; i < n; ++i) state[i] = 0.5 * (state[i] + before[i]);
+      map.admit(state);
+      continue;
+    }
     ++certificate.beats;
+    before = state;
     Eigen::VectorXd f(static_cast<Eigen::Index>(n));
     for (std::size_t i = 0; i < n; ++i)
       f(static_cast<Eigen::Index>(i)) = (image[i] - state[i]) / map.scales[i];
@@ -118,8 +130,12 @@ LimitCycleCertificate newton(const BeatMap& map, const LimitCycleSettings& setti
         std::max(last_step, certificate.residual / std::max(1e-6, 1 - certificate.multiplier));
     if (after_beat) after_beat(certificate);
     if (last_step <= settings.distance || certificate.residual <= 10 * settings.map_noise) {
-      certificate.distance = last_step;
-      certificate.verdict = LimitCycleVerdict::period_1;
+      // The step is exact where r/(1 - multiplier) only bounds; but noise must not pass for a cycle, nor a
+      // cycle that beats run away from.
+      if (last_step <= settings.distance) certificate.distance = last_step;
+      const bool near = certificate.distance <= std::max(settings.distance, largest_noisy_distance);
+      certificate.verdict =
+          near && certificate.multiplier < 1 ? LimitCycleVerdict::period_1 : LimitCycleVerdict::not_converged;
       state = image;
       return certificate;
     }

@@ -1,6 +1,7 @@
 #include <atomic>
 #include <condition_variable>
 #include <mutex>
+#include <system_error>
 #include <thread>
 #include <vector>
 #include <wiggers/core/threads.hpp>
@@ -57,8 +58,13 @@ struct ThreadPool::Implementation {
 ThreadPool::ThreadPool(int n_threads) : implementation_(std::make_unique<Implementation>()) {
   // The vector is complete before a thread may look at its size.
   const std::scoped_lock lock(implementation_->mutex);
-  for (int index = 1; index < n_threads; ++index)
-    implementation_->threads.emplace_back([this, index] { implementation_->serve(index); });
+  implementation_->threads.reserve(static_cast<std::size_t>(n_threads));
+  try {
+    for (int index = 1; index < n_threads; ++index)
+      implementation_->threads.emplace_back([this, index] { implementation_->serve(index); });
+  } catch (const std::system_error&) {
+    // As many as the system gives: shares follow the number of threads.
+  }
 }
 
 ThreadPool::~ThreadPool() {

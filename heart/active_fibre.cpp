@@ -50,8 +50,9 @@ void ActiveFibre::begin_step(double t, double dt) {
   for (int i = 0; i < Rdq20::n_probabilities; ++i)
     if (!(bridges_[i] > -1e-6 && bridges_[i] < 1 + 1e-6))
       throw NumericalFailure(
-          fmt::format("{}: probability {} = {} of RDQ20 left [0, 1]; try a smaller regulatory_substep_us.",
-                      place_, Rdq20::states[i].name, bridges_[i]));
+          fmt::format("{}: probability {} = {} of RDQ20 left [0, 1]; try a smaller {}.", place_,
+                      Rdq20::states[i].name, bridges_[i],
+                      settings_.regulation == RegulationScheme::midpoint ? "dt_s" : "regulatory_substep_us"));
   const double v_before = -(stretch_ - stretch_before_) / dt;  // shortening positive
   std::copy(bridges_.begin() + 16, bridges_.end(), moments_before_.begin());
   force_.step_crossbridges(bridges_.data(), regulation_,

@@ -163,13 +163,13 @@ void HeartDriver::step(double t, BeatAudit& audit) {
   for (int v = 0; v < n_valves; ++v) audit.valve_volume_mL[v] += dt * Q_[v];
   for (int k = 0; k < n_circulation_states; ++k)
     if (!std::isfinite(y_[k]) || std::abs(y_[k]) > 1e6)
-      throw NumericalFailure(
-          fmt::format("the circulation diverged at t = {:.4f} s of the beat: {} = {:.3g} {}. Its explicit "
-                      "step is stable below "
-                      "{:.2f} ms (2 L/R of the stiffest branch); dt_s is {} s. Take a smaller step, or "
-                      "solver.inductors = \"implicit\".",
-                      t + dt, circulation_state_quantities[k].name, y_[k],
-                      circulation_state_quantities[k].unit, 1e3 * largest_explicit_step(circulation_), dt));
+      throw NumericalFailure(fmt::format(
+          "the circulation diverged at t = {:.4f} s of the beat: {} = {:.3g} {}. Its explicit "
+          "step is stable below "
+          "{:.2f} ms (2 L/R of the stiffest branch); dt_s is {} s. Take a smaller step{}.",
+          t + dt, circulation_state_quantities[k].name, y_[k], circulation_state_quantities[k].unit,
+          1e3 * largest_explicit_step(circulation_), dt,
+          settings_.stabilise_volumes ? "" : ", or stabilise volumes (solver.stabilise.volumes = true)"));
 }
 
 Table HeartDriver::trace() const {

@@ -11,6 +11,7 @@
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/ida.hpp>
 #include <wiggers/core/limit_cycle_solve.hpp>
+#include <wiggers/core/progress.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/monolithic.hpp>
 
@@ -53,7 +54,15 @@ CalciumTrace calcium_of(const Scene& scene, const CellType& type) {
   std::vector<double> state = type.ionic->default_state();
   LimitCycleSettings settings;
   settings.distance = 1e-6;
-  cell.to_limit_cycle(state, settings);
+  if (type.from_limit_cycle) {
+    const auto certificate =
+        cell.to_limit_cycle(state, settings, [](const LimitCycleCertificate&) { check_interrupt(); });
+    if (certificate.verdict != LimitCycleVerdict::period_1 && certificate.distance > 1e-4)
+      throw NumericalFailure(
+          fmt::format("cells '{}' ({}) have no limit cycle at {} ms: {} after {} beats, distance {:.2g}",
+                      type.name, type.ionic->name, period_ms, to_string(certificate.verdict),
+                      certificate.beats, certificate.distance));
+  }
   const double sample_ms = period_ms / std::lround(period_ms / 0.05);
   cell.beat(state, sample_ms, [&](double, const double* y, double) {
     trace.values_uM.push_back(1e3 * y[type.ionic->cytosolic_calcium]);
@@ -176,7 +185,10 @@ struct MonolithicHeart::Implementation {
 
   using Output = std::function<void(double, const double* y, const double* p)>;
   void integrate(std::vector<double>& y, double sample_s, const Output& output) {
-    std::set<double> stops = breaks;
+    // Break points that differ by rounding are one.
+    std::set<double> stops;
+    for (double t : breaks)
+      if (stops.empty() || t - *stops.rbegin() > 1e-9 * scene.period_s) stops.insert(t);
     const auto n = output ? std::lround(scene.period_s / sample_s) : 0;
     std::vector<double> samples;
     for (long k = 1; k <= n; ++k)
@@ -279,12 +291,13 @@ MonolithicHeart::MonolithicHeart(const Scene& scene, MonolithicSettings settings
   Implementation& m = *implementation_;
   m.scene = scene;
   m.settings = settings;
-  for (const auto& [name, type] : m.scene.cells) m.calcium.emplace(name, calcium_of(m.scene, type));
-  m.state.assign(scene.initial.begin(), scene.initial.end());
-  for (const WallPlan& plan : m.scene.walls) {
+  for (const WallPlan& plan : m.scene.walls)
     if (plan.kind == "triseg")
       throw InputError(
           "the monolithic reference has no equations for a triseg wall; use reduced or elastance walls");
+  for (const auto& [name, type] : m.scene.cells) m.calcium.emplace(name, calcium_of(m.scene, type));
+  m.state.assign(scene.initial.begin(), scene.initial.end());
+  for (const WallPlan& plan : m.scene.walls) {
     const int c = plan.cavities.front();
     m.walls[c] = &plan;
     if (plan.kind == "elastance") {
@@ -344,7 +357,7 @@ LimitCycleCertificate MonolithicHeart::to_limit_cycle(double distance) {
   settings.distance = distance;
   settings.map_noise = m.settings.relative_tolerance;
   settings.relaxing_beats = 0;
-  return find_limit_cycle(map, settings, m.state);
+  return find_limit_cycle(map, settings, m.state, [](const LimitCycleCertificate&) { check_interrupt(); });
 }
 
 Table MonolithicHeart::beat(double sample_s) {

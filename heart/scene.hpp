@@ -62,11 +62,11 @@ struct Scene {
   Pericardium pericardium;
   CirculationValues initial{};
   double dt_s = 1e-3;
-  double electrophysiology_substep_ms = 0.05;
+  double electrophysiology_substep_ms = 0;
   std::string electrophysiology_integrator;
   RegulationScheme regulation = RegulationScheme::forward_euler;
-  double regulatory_substep_us = 25;  // forward_euler
-  RateScheme rate = RateScheme::lagged;
+  double regulatory_substep_us = 0;  // forward_euler
+  RateScheme rate = RateScheme::implicit;
   bool stabilise_active_stress = true;
   bool stabilise_volumes = true;
   bool implicit_inductors = false;

@@ -42,20 +42,48 @@ double median_cost(const std::function<void()>& work) {
   return times[times.size() / 2];
 }
 
-std::map<std::string, double> read_tolerances(const TradeStudy& study,
+std::vector<TradeMeasure> trade_measures(std::string_view kind) {
+  if (kind == "cell")
+    return {{"apd90", "ms", "action potential duration at 90 % repolarisation"},
+            {"v_rms", "1", "root mean square of the potential's error, relative to that of the potential"},
+            {"v_max", "mV", "largest error of the potential in the beat"},
+            {"v_max_late", "mV", "the same after the first 10 ms"},
+            {"activation", "ms", "time at which V crosses 0 mV"},
+            {"ca_peak", "1", "peak cytosolic calcium, relative"},
+            {"end_state", "1", "largest scaled error of the state after the beat"}};
+  if (kind == "force")
+    return {{"tension", "%", "largest error of the tension, of its peak"},
+            {"peak", "%", "error of the peak tension"}};
+  if (kind == "loop")
+    return {{"pressure", "mmHg", "largest error of a chamber's or artery's pressure"},
+            {"volume", "mL", "largest error of a chamber's volume"},
+            {"flow", "mL/s", "largest error of a valve's flow"},
+            {"stroke_volume", "mL", "error of the left ventricle's stroke volume"}};
+  return {{"p_LV", "mmHg", "peak left ventricular pressure"},
+          {"EDV", "mL", "end-diastolic volume of the left ventricle"},
+          {"SV", "mL", "stroke volume of the left ventricle"},
+          {"EF", "%", "ejection fraction of the left ventricle, in percent points"},
+          {"p_aorta", "mmHg", "systolic aortic pressure"},
+          {"Q_AV", "mL/s", "peak flow through the aortic valve"},
+          {"AV_opens", "ms", "opening of the aortic valve"},
+          {"AV_closes", "ms", "closure of the aortic valve"},
+          {"MV_opens", "ms", "opening of the mitral valve"}};
+}
+
+std::map<std::string, double> read_tolerances(const std::vector<TradeMeasure>& measures,
                                               const std::vector<std::string>& texts) {
   std::map<std::string, double> tolerances;
   std::vector<std::string> known;
-  for (const TradeMeasure& m : study.measures) known.push_back(m.name);
+  for (const TradeMeasure& m : measures) known.push_back(m.name);
   for (const std::string& text : texts) {
     const auto equals = text.find('=');
     if (equals == std::string::npos)
       throw InputError(fmt::format("--tolerance {}: give measure=value, for example {}=0.1{}", text,
-                                   known.front(), study.measures.front().unit));
+                                   known.front(), measures.front().unit));
     const std::string name = text.substr(0, equals);
-    const auto measure = std::find_if(study.measures.begin(), study.measures.end(),
-                                      [&](const TradeMeasure& m) { return m.name == name; });
-    if (measure == study.measures.end()) refuse_unknown("measure", name, known);
+    const auto measure =
+        std::find_if(measures.begin(), measures.end(), [&](const TradeMeasure& m) { return m.name == name; });
+    if (measure == measures.end()) refuse_unknown("measure", name, known);
     std::string value = text.substr(equals + 1);
     const std::string& unit = measure->unit;
     if (unit != "1" && value.size() > unit.size() && value.ends_with(unit))

@@ -25,6 +25,9 @@ struct TradeMeasure {
   double reference_confirmed = 0;  // difference of the two references in this measure
 };
 
+// The measures of a kind of study: cell | force | loop | heart.
+std::vector<TradeMeasure> trade_measures(std::string_view kind);
+
 struct TradeRow {
   std::string method;          // e.g. "rush-larsen"
   std::string setting;         // e.g. "dt 0.02 ms, tables 0.1 mV"
@@ -53,7 +56,8 @@ TradeStudy trade_heart(const std::filesystem::path& scene, const std::vector<std
                        Progress& progress);
 
 // Tolerances by measure, in the measure's unit: "apd90=0.1ms". Refuses an unknown measure or another unit.
-std::map<std::string, double> read_tolerances(const TradeStudy& study, const std::vector<std::string>& texts);
+std::map<std::string, double> read_tolerances(const std::vector<TradeMeasure>& measures,
+                                              const std::vector<std::string>& texts);
 
 // The cheapest row that meets all tolerances; nothing if none does.
 std::optional<std::size_t> recommended(const TradeStudy& study,

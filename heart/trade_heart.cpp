@@ -33,7 +33,9 @@ struct HeartBeat {
 };
 
 HeartBeat on_cycle(const std::filesystem::path& scene, const std::vector<std::string>& overrides) {
-  HeartRun run(read_scene(scene, overrides));
+  std::vector<std::string> all = overrides;
+  all.push_back("run.until=limit-cycle");
+  HeartRun run(read_scene(scene, all));
   run.prepare(Progress::Style::quiet);
   run.advance(Progress::Style::quiet, {});
   if (run.scene().until_limit_cycle && run.certificate().verdict != LimitCycleVerdict::period_1)
@@ -50,15 +52,7 @@ TradeStudy trade_heart(const std::filesystem::path& scene, const std::vector<std
   TradeStudy study;
   study.subject = fmt::format("heart, {}: one beat", scene.filename().string());
   study.protocol = "the scene's limit cycle with each setting, cells on theirs; indexes compared";
-  study.measures = {{"p_LV", "mmHg", "peak left ventricular pressure"},
-                    {"EDV", "mL", "end-diastolic volume of the left ventricle"},
-                    {"SV", "mL", "stroke volume of the left ventricle"},
-                    {"EF", "%", "ejection fraction of the left ventricle, in percent points"},
-                    {"p_aorta", "mmHg", "systolic aortic pressure"},
-                    {"Q_AV", "mL/s", "peak flow through the aortic valve"},
-                    {"AV_opens", "ms", "opening of the aortic valve"},
-                    {"AV_closes", "ms", "closure of the aortic valve"},
-                    {"MV_opens", "ms", "opening of the mitral valve"}};
+  study.measures = trade_measures("heart");
   const auto with = [&](std::vector<std::string> more) {
     std::vector<std::string> all = overrides;
     all.insert(all.end(), more.begin(), more.end());
@@ -133,9 +127,12 @@ TradeStudy trade_heart(const std::filesystem::path& scene, const std::vector<std
       row.steps = beat.steps;
       for (double error : row.errors)
         if (!std::isfinite(error)) throw NumericalFailure("a valve does not move");
-    } catch (const NumericalFailure&) {
+    } catch (const InputError& refusal) {
       row.errors.clear();
-      row.failure = "fails";
+      row.failure = std::string("refused: ") + refusal.what();
+    } catch (const NumericalFailure& failure) {
+      row.errors.clear();
+      row.failure = failure.what();
     }
     study.rows.push_back(row);
     progress.update(0.3 + 0.7 * static_cast<double>(k + 1) / static_cast<double>(jobs.size()),

@@ -15,10 +15,7 @@ TradeStudy trade_loop(const Loop& loop, Progress& progress) {
   study.reference =
       "cvode rtol 1e-12, atol 1e-12, restarted at activation break points; confirmed by "
       "runge-kutta-4 at 0.02 ms";
-  study.measures = {{"pressure", "mmHg", "largest error of a chamber's or artery's pressure"},
-                    {"volume", "mL", "largest error of a chamber's volume"},
-                    {"flow", "mL/s", "largest error of a valve's flow"},
-                    {"stroke_volume", "mL", "error of the left ventricle's stroke volume"}};
+  study.measures = trade_measures("loop");
   constexpr double sample_s = 1e-3;
   const LoopSolver finest(loop, {"cvode", 1e-12, 1e-12, 1e-3});
   CirculationValues start = loop.initial;

@@ -38,6 +38,8 @@ void add_extremes(CLI::App& app) {
     refuse_overwriting(o->output, "-o", o->subject);
     Progress progress("extremes", o->quiet ? Progress::Style::quiet : Progress::Style::automatic);
     ExtremesStudy study;
+    if (!o->set.empty() && !o->subject.ends_with(".toml"))
+      throw InputError("--set changes a scene or a loop file: name the file");
     if (o->subject == "loop") {
       study = extremes_loop(find_circulation_set("wiggers-healthy-0d").loop, o->settings, progress);
     } else if (o->subject.ends_with(".toml")) {

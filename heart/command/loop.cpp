@@ -39,15 +39,17 @@ void add_loop(CLI::App& app) {
       "--accuracy", o->accuracy, "draft | standard | reference: integrator and step together [standard]");
   CLI::Option* integrator =
       verb->add_option("--integrator", o->integrator.name, "cvode | forward-euler | runge-kutta-4 [cvode]");
-  verb->add_option("--dt-s", o->integrator.dt_s, "step of the fixed-step integrators, s [1e-3]");
-  verb->add_option("--rtol", o->integrator.relative_tolerance, "relative tolerance of cvode, 1 [1e-9]");
-  verb->add_option("--atol", o->integrator.absolute_tolerance,
-                   "absolute tolerance of cvode, mmHg, mL, mL/s [1e-9]");
+  CLI::Option* dt =
+      verb->add_option("--dt-s", o->integrator.dt_s, "step of the fixed-step integrators, s [1e-3]");
+  CLI::Option* rtol =
+      verb->add_option("--rtol", o->integrator.relative_tolerance, "relative tolerance of cvode, 1 [1e-9]");
+  CLI::Option* atol = verb->add_option("--atol", o->integrator.absolute_tolerance,
+                                       "absolute tolerance of cvode, mmHg, mL, mL/s [1e-9]");
   verb->add_option("--sample-ms", o->sample_ms, "spacing of the output rows, ms [1]");
   verb->add_option("-o,--output", o->output, "CSV file of the last beat");
   verb->add_flag("--quiet", o->quiet, "no progress");
   verb->add_flag("--json", o->json, "end standard output with one line of JSON");
-  accuracy->excludes(integrator);
+  accuracy->excludes(integrator)->excludes(dt)->excludes(rtol)->excludes(atol);
   verb->callback([o] {
     if (!o->accuracy.empty()) {
       const LoopAccuracy& chosen = loop_accuracy(o->accuracy);

@@ -16,7 +16,6 @@ std::vector<double> parameters_from(const CellModel& model, const std::string& s
 // True: until the limit cycle; false: `beats` beats. Refuses both, neither, and other words.
 bool end_of_run(const std::string& until, int beats);
 
-
 // Refuses an option that is not finite or not within its range.
 void check_option(std::string_view option, double value, double lower, double upper);
 void check_limit_cycle_options(double distance, int max_beats);
@@ -24,6 +23,5 @@ void check_limit_cycle_options(double distance, int max_beats);
 std::string limit_cycle_failure(const LimitCycleCertificate& certificate);
 
 // Duration of the action potential at a share of repolarisation; crossings interpolated linearly.
-
 
 }  // namespace wiggers::command

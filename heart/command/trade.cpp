@@ -23,12 +23,10 @@ struct Options {
 };
 
 void finish(const TradeStudy& study, const Options& o) {
-  const auto tolerances = read_tolerances(study, o.tolerances);
+  const auto tolerances = read_tolerances(study.measures, o.tolerances);
   const auto chosen = recommended(study, tolerances);
   fmt::print("{}", trade_table(study, tolerances.empty() ? std::nullopt : chosen));
   if (!o.output.empty()) {
-    std::error_code code;
-    std::filesystem::create_directories(o.output, code);
     write_trade(study, tolerances, o.output);
     std::fflush(stdout);
     const int status = run_program({report_python(), (report_folder() / "make_trade.py").string(), o.output});
@@ -51,9 +49,16 @@ CLI::App* common(CLI::App* verb, const std::shared_ptr<Options>& o) {
   return verb;
 }
 
+// Refuses what could only fail after the work.
 Progress progress_of(const Options& o, const std::string& name) {
+  (void)read_tolerances(trade_measures(name.substr(name.find(' ') + 1)), o.tolerances);
   if (!o.output.empty() && std::filesystem::exists(o.output) && !std::filesystem::is_directory(o.output))
     throw InputError(fmt::format("-o: '{}' is a file; name a folder", o.output));
+  if (!o.output.empty()) {
+    std::error_code code;
+    std::filesystem::create_directories(o.output, code);
+    require_writable(std::filesystem::path(o.output) / "trade.json", "-o");
+  }
   return {name, o.quiet ? Progress::Style::quiet : Progress::Style::automatic};
 }
 
@@ -102,6 +107,7 @@ void add_trade(CLI::App& app) {
     verb->add_option("--set", o->set, "change a key of the file: elastance.LV.EA=3")->take_all();
     verb->callback([o] {
       Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
+      if (o->subject.empty() && !o->set.empty()) throw InputError("--set changes a loop file: name the file");
       if (!o->subject.empty()) {
         auto table = parse_settings_file(o->subject);
         for (const std::string& assignment : o->set) override_setting(*table, assignment);

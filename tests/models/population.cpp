@@ -284,3 +284,16 @@ TEST_CASE("RDQ20's population is its scalar midpoint step") {
     }
   }
 }
+
+TEST_CASE("a population recovers once its cells are put right") {
+  CellPopulation cells(find_model("crn"), 3);  // the other lanes of the block are no cells
+  cells.set_input("i_stim", -1000);
+  CHECK_THROWS_AS(cells.step(1.0, 50), NumericalFailure);
+  cells.set_input("i_stim", 0);
+  const std::vector<double> start = find_model("crn").default_state();
+  for (std::size_t cell = 0; cell < 3; ++cell) cells.set_state_of(cell, start);
+  CHECK_NOTHROW(cells.step(0.02, 100));
+  // What was read can be written.
+  cells.set_state_of(1, cells.state_of(1));
+  CHECK_NOTHROW(cells.step(0.02));
+}

@@ -24,15 +24,16 @@ Progress silent() { return {"", Progress::Style::quiet}; }
 
 TEST_CASE("the recommended setting is the cheapest within all tolerances") {
   const TradeStudy study = toy();
-  CHECK(recommended(study, read_tolerances(study, {"apd90=0.1ms"})) == std::size_t(2));
-  CHECK(recommended(study, read_tolerances(study, {"apd90=1"})) == std::size_t(1));
-  CHECK(recommended(study, read_tolerances(study, {"apd90=0.1ms", "ca_peak=0.15"})) == std::size_t(0));
-  CHECK_FALSE(recommended(study, read_tolerances(study, {"apd90=1e-9"})));
+  CHECK(recommended(study, read_tolerances(study.measures, {"apd90=0.1ms"})) == std::size_t(2));
+  CHECK(recommended(study, read_tolerances(study.measures, {"apd90=1"})) == std::size_t(1));
+  CHECK(recommended(study, read_tolerances(study.measures, {"apd90=0.1ms", "ca_peak=0.15"})) ==
+        std::size_t(0));
+  CHECK_FALSE(recommended(study, read_tolerances(study.measures, {"apd90=1e-9"})));
   CHECK(pareto_front(study, 0) == std::vector<std::size_t>{1, 2, 0});
-  CHECK_THROWS_WITH(read_tolerances(study, {"apd9=0.1"}), Catch::Contains("did you mean 'apd90'"));
-  CHECK_THROWS_WITH(read_tolerances(study, {"apd90=0.1mV"}), Catch::Contains("ms"));
-  CHECK_THROWS_AS(read_tolerances(study, {"apd90"}), InputError);
-  CHECK_THROWS_AS(read_tolerances(study, {"apd90=-1"}), InputError);
+  CHECK_THROWS_WITH(read_tolerances(study.measures, {"apd9=0.1"}), Catch::Contains("did you mean 'apd90'"));
+  CHECK_THROWS_WITH(read_tolerances(study.measures, {"apd90=0.1mV"}), Catch::Contains("ms"));
+  CHECK_THROWS_AS(read_tolerances(study.measures, {"apd90"}), InputError);
+  CHECK_THROWS_AS(read_tolerances(study.measures, {"apd90=-1"}), InputError);
   const std::string table = trade_table(study, 2);
   CHECK(table.find("| ** | middle") != std::string::npos);
   CHECK(table.find("diverges") != std::string::npos);
