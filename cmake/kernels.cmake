@@ -2,6 +2,11 @@
 # contain nothing else, so that no other code is compiled for a processor that may not be there (a test looks).
 set(kernels ${CMAKE_SOURCE_DIR}/cellmodels/kernels)
 set(kernel_flags -O3 -ffp-contract=fast)
+if(WIGGERS_SANITIZE)
+  # Everything is inlined into a few large functions, which take half an hour to compile instrumented. What they read
+  # and write is checked by their callers' tests without sanitizers.
+  list(APPEND kernel_flags -fno-sanitize=all)
+endif()
 if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
   set(avx2 -mavx2 -mfma)
   set(avx512 -mavx512f -mavx512dq -mavx512vl -mavx512bw -mfma)
