@@ -193,4 +193,27 @@ LimitCycleCertificate LoopSolver::to_limit_cycle(
   return certificate;
 }
 
+std::optional<double> LoopSolver::integrator_shift(const CirculationValues& on_cycle) const {
+  LoopIntegrator finer = integrator_;
+  finer.dt_s *= 0.5;
+  finer.relative_tolerance = std::max(1e-13, 0.1 * finer.relative_tolerance);
+  finer.absolute_tolerance = std::max(1e-14, 0.1 * finer.absolute_tolerance);
+  CirculationValues moved = on_cycle;
+  LimitCycleSettings settings;
+  settings.distance = 1e-8;
+  settings.relaxing_beats = 0;
+  settings.max_beats = 100;
+  try {
+    if (LoopSolver(loop_, finer).to_limit_cycle(moved, settings).verdict != LimitCycleVerdict::period_1)
+      return {};
+  } catch (const NumericalFailure&) {
+    return {};
+  }
+  const std::vector<double> scales = circulation_scales();
+  double largest = 0;
+  for (std::size_t i = 0; i < moved.size(); ++i)
+    largest = std::max(largest, std::abs(moved[i] - on_cycle[i]) / scales[i]);
+  return largest;
+}
+
 }  // namespace wiggers

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -71,6 +72,10 @@ class LoopSolver {
   LimitCycleCertificate to_limit_cycle(
       CirculationValues& state, LimitCycleSettings settings,
       const std::function<void(const LimitCycleCertificate&)>& after_beat = {}) const;
+
+  // How far the cycle moves, in scaled units, if the step is halved (cvode: the tolerance divided by ten).
+  // Nothing if the finer integrator finds no cycle.
+  std::optional<double> integrator_shift(const CirculationValues& on_cycle) const;
 
   std::array<double, n_chambers> pressures(double t, const double* y) const;
 

@@ -153,7 +153,11 @@ Json summarise(const LoopSummary& loop) {
   Json out;
   out["title"] = loop.title;
   out["indexes"] = index_json(compute_indexes(loop.trace, loop.atrial_stimulus_s));
-  if (loop.limit_cycle_wanted) out["limit_cycle"] = certificate_json(loop.certificate);
+  if (loop.limit_cycle_wanted) {
+    out["limit_cycle"] = certificate_json(loop.certificate);
+    out["limit_cycle"]["integrator_shift"] = nullptr;
+    if (loop.integrator_shift) out["limit_cycle"]["integrator_shift"] = *loop.integrator_shift;
+  }
   // Energy over the sampled beat, trapezoidal: chambers' work against losses.
   double work = 0, dissipated = 0;
   const std::vector<double>& t = loop.trace.at("t_s").values;

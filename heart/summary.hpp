@@ -2,6 +2,8 @@
 // read.
 #pragma once
 
+#include <optional>
+
 #include <nlohmann/json.hpp>
 #include <string>
 #include <wiggers/circulation/circulation.hpp>
@@ -24,6 +26,7 @@ struct LoopSummary {
   Table trace;
   double atrial_stimulus_s = 0;
   LimitCycleCertificate certificate;
+  std::optional<double> integrator_shift;  // of the cycle, scaled
   bool limit_cycle_wanted = false;
   double wanted_distance = 0;
   double blood_volume_drift_mL = 0;

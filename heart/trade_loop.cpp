@@ -8,6 +8,29 @@
 
 namespace wiggers {
 
+namespace {
+
+// Largest differences of pressures, volumes and flows, and of the stroke volume; rows of `trace` are every
+// stride-th of `exact`, the last the last.
+std::vector<double> errors(const Table& trace, const Table& exact, std::size_t stride) {
+  double pressure = 0, volume = 0, flow = 0;
+  const std::size_t last = exact.n_rows() - 1;
+  for (std::size_t c = 1; c < trace.columns.size(); ++c) {
+    const std::string& unit = trace.columns[c].unit;
+    double& largest = unit == "mmHg" ? pressure : unit == "mL" ? volume : flow;
+    for (std::size_t k = 0; k < trace.n_rows(); ++k)
+      largest = std::max(largest, std::abs(trace.columns[c].values[k] -
+                                           exact.columns[c].values[std::min(k * stride, last)]));
+  }
+  const auto stroke = [](const Table& t) {
+    const auto& V = t.at("V_LV").values;
+    return *std::max_element(V.begin(), V.end()) - *std::min_element(V.begin(), V.end());
+  };
+  return {pressure, volume, flow, std::abs(stroke(trace) - stroke(exact))};
+}
+
+}  // namespace
+
 TradeStudy trade_loop(const Loop& loop, Progress& progress) {
   TradeStudy study;
   study.subject = "loop: one beat";
@@ -24,29 +47,14 @@ TradeStudy trade_loop(const Loop& loop, Progress& progress) {
   settings.distance = 1e-9;
   settings.relaxing_beats = 0;
   finest.to_limit_cycle(start, settings);
-  const auto run = [&](const LoopIntegrator& integrator) {
+  const auto run = [&](const LoopIntegrator& integrator, double spacing_s) {
     Table table = circulation_table();
     CirculationValues state = start;
-    LoopSolver(loop, integrator).beat(state, sample_s, &table);
+    LoopSolver(loop, integrator).beat(state, spacing_s, &table);
     return table;
   };
-  const Table exact = run({"cvode", 1e-12, 1e-12, 1e-3});
-  const auto errors = [&](const Table& trace) {
-    double pressure = 0, volume = 0, flow = 0;
-    for (std::size_t c = 1; c < trace.columns.size(); ++c) {
-      double& largest = trace.columns[c].unit == "mmHg" ? pressure
-                        : trace.columns[c].unit == "mL" ? volume
-                                                        : flow;
-      for (std::size_t k = 0; k < trace.n_rows(); ++k)
-        largest = std::max(largest, std::abs(trace.columns[c].values[k] - exact.columns[c].values[k]));
-    }
-    const auto stroke = [](const Table& t) {
-      const auto& V = t.at("V_LV").values;
-      return *std::max_element(V.begin(), V.end()) - *std::min_element(V.begin(), V.end());
-    };
-    return std::vector<double>{pressure, volume, flow, std::abs(stroke(trace) - stroke(exact))};
-  };
-  const auto confirmed = errors(run({"runge-kutta-4", 1e-9, 1e-9, 2e-5}));
+  const Table exact = run({"cvode", 1e-12, 1e-12, 1e-3}, sample_s);
+  const auto confirmed = errors(run({"runge-kutta-4", 1e-9, 1e-9, 2e-5}, sample_s), exact, 1);
   for (std::size_t m = 0; m < confirmed.size(); ++m) study.measures[m].reference_confirmed = confirmed[m];
   std::vector<std::pair<LoopIntegrator, std::string>> jobs;
   for (const char* name : {"forward-euler", "runge-kutta-4"})
@@ -59,34 +67,10 @@ TradeStudy trade_loop(const Loop& loop, Progress& progress) {
     TradeRow row{integrator.name, text, {}, 0, 0, 0, {}};
     try {
       // Steps above the sampling are compared at their own ends: spans between samples would shorten them.
-      if (integrator.name != "cvode" && integrator.dt_s > sample_s) {
-        Table table = circulation_table(), same = circulation_table();
-        CirculationValues state = start;
-        LoopSolver(loop, integrator).beat(state, integrator.dt_s, &table);
-        const auto stride = static_cast<std::size_t>(std::lround(integrator.dt_s / sample_s));
-        Table every = exact;
-        for (Column& column : every.columns) {
-          std::vector<double> kept;
-          for (std::size_t r = 0; r < column.values.size(); r += stride) kept.push_back(column.values[r]);
-          if (kept.size() < table.n_rows()) kept.push_back(column.values.back());
-          column.values = kept;
-        }
-        double pressure = 0, volume = 0, flow = 0;
-        for (std::size_t c = 1; c < table.columns.size(); ++c) {
-          double& largest = table.columns[c].unit == "mmHg" ? pressure
-                            : table.columns[c].unit == "mL" ? volume
-                                                            : flow;
-          for (std::size_t r = 0; r < std::min(table.n_rows(), every.n_rows()); ++r)
-            largest = std::max(largest, std::abs(table.columns[c].values[r] - every.columns[c].values[r]));
-        }
-        const auto stroke = [](const Table& t) {
-          const auto& V = t.at("V_LV").values;
-          return *std::max_element(V.begin(), V.end()) - *std::min_element(V.begin(), V.end());
-        };
-        row.errors = {pressure, volume, flow, std::abs(stroke(table) - stroke(every))};
-      } else {
-        row.errors = errors(run(integrator));
-      }
+      const bool coarse = integrator.name != "cvode" && integrator.dt_s > sample_s;
+      const auto stride =
+          coarse ? static_cast<std::size_t>(std::lround(integrator.dt_s / sample_s)) : std::size_t(1);
+      row.errors = errors(run(integrator, sample_s * static_cast<double>(stride)), exact, stride);
       const LoopSolver solver(loop, integrator);
       row.cost_s = median_cost([&] {
         CirculationValues state = start;

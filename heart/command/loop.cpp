@@ -92,6 +92,8 @@ void add_loop(CLI::App& app) {
         progress.update(-1, fmt::format("beat {}, distance {:.1e}", c.beats, c.distance));
       });
       summary.beats = summary.certificate.beats;
+      if (summary.certificate.verdict == LimitCycleVerdict::period_1)
+        summary.integrator_shift = solver.integrator_shift(state);
     } else {
       for (; summary.beats < o->beats - 1; ++summary.beats) {
         solver.beat(state);
@@ -118,6 +120,10 @@ void add_loop(CLI::App& app) {
       fmt::print("limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
                  to_string(summary.certificate.verdict), summary.certificate.distance,
                  summary.certificate.beats, summary.certificate.multiplier);
+    if (summary.integrator_shift)
+      fmt::print("  {} moves the cycle by {:.1e}; blood volume held, drift of the last beat {:.1e} mL\n",
+                 o->integrator.name == "cvode" ? "a tolerance ten times smaller" : "half the step",
+                 *summary.integrator_shift, summary.blood_volume_drift_mL);
     if (!o->output.empty()) {
       write_csv(o->output, o->sample_ms > 1 ? output : summary.trace, false);
       fmt::print("last beat: {}\n", o->output);

@@ -232,3 +232,19 @@ TEST_CASE("random parameters end in a beat or in words, never in NaN") {
   }
   CHECK(good >= 55);
 }
+
+TEST_CASE("half the step moves the cycle of a loop as the order says") {
+  const Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
+  std::vector<double> shifts;
+  for (double dt : {1e-3, 5e-4}) {
+    const LoopSolver solver(loop, {"forward-euler", 1e-9, 1e-9, dt});
+    CirculationValues state = loop.initial;
+    LimitCycleSettings settings;
+    settings.distance = 1e-9;
+    REQUIRE(solver.to_limit_cycle(state, settings).verdict == LimitCycleVerdict::period_1);
+    const auto shift = solver.integrator_shift(state);
+    REQUIRE(shift);
+    shifts.push_back(*shift);
+  }
+  CHECK(shifts[0] / shifts[1] == Approx(2).epsilon(0.1));
+}
