@@ -2,9 +2,8 @@
 // read.
 #pragma once
 
-#include <optional>
-
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <wiggers/circulation/circulation.hpp>
 #include <wiggers/core/limit_cycle.hpp>
