@@ -82,7 +82,7 @@ nightly: setup
 
 # The tables of docs/trade.md and docs/extremes.md, measured on this machine (some minutes).
 trade: build
-	@$(PYTHON) heart/report/make_docs.py $(BUILD)/wiggers docs
+	@$(PYTHON) docs/make_tables.py $(BUILD)/wiggers docs
 
 reference: build
 	@mkdir -p docs/reference

@@ -38,11 +38,7 @@ void loop_cycle(benchmark::State& state, const char* integrator) {
   int beats = 0;
   for (auto _ : state) {
     CirculationValues values = solver.loop().initial;
-    LimitCycleSettings cycle;
-    cycle.distance = 1e-8;
-    cycle.plain_beats = 2;
-    cycle.relaxing_beats = 0;
-    beats = solver.to_limit_cycle(values, cycle).beats;
+    beats = solver.to_limit_cycle(values, loop_cycle_settings(1e-8)).beats;
   }
   state.counters["beats"] = beats;
 }

@@ -373,10 +373,7 @@ struct Crn {
   template <class N, class P>
   static Evaluation<N, states.size(), observables.size()> evaluate(const N* y, const N* in,
                                                                    const Constants<P>& c) {
-    Evaluation<N, states.size(), observables.size()> e;
-    voltage_gates(y[V], c, e);
-    balances(y, in, voltage_factors(y[V], c), c, e);
-    return e;
+    return evaluate_in_parts<Crn, N>(y, in, c);
   }
 
   // Charge balance, in mV: the model keeps it exactly, with and without stimulus, if K+ carries the stimulus.

@@ -62,18 +62,18 @@ class Rdq20Midpoint {
  private:
   template <class Constants>
   static bool propagate(double k, N* x, const Rdq20::FrozenRates<N>& rates, const Constants& c) {
-    N stay[n], centre[n], calcium[n];
+    N exit[n], stay[n], centre[n], calcium[n];
     N fastest(0.0);
     for (int i = 0; i < n; ++i) {
       const int a = i >> 3, b = (i >> 2) & 1, cc = (i >> 1) & 1, B = i & 1;
       centre[i] = N(Rdq20::centre_rate(a, b, cc, B, c));
       calcium[i] = Rdq20::calcium_rate(b, B, rates, c);
-      stay[i] = rates.left[a][b] + centre[i] + rates.right[b][cc] + calcium[i];  // exit rate, for now
-      fastest = max(fastest, stay[i]);
+      exit[i] = rates.left[a][b] + centre[i] + rates.right[b][cc] + calcium[i];
+      fastest = max(fastest, exit[i]);
     }
     // max() may drop a NaN; a sum does not.
     N all(0.0);
-    for (int i = 0; i < n; ++i) all = all + stay[i];
+    for (int i = 0; i < n; ++i) all = all + exit[i];
     if (!std::isfinite(largest_lane(all))) return false;
     const double L = largest_lane(fastest);
     const double exponent = k * L;
@@ -91,7 +91,7 @@ class Rdq20Midpoint {
         right[s][t] = rates.right[s][t] * per_L;
       }
     for (int i = 0; i < n; ++i) {
-      stay[i] = 1.0 - stay[i] * per_L;
+      stay[i] = 1.0 - exit[i] * per_L;
       centre[i] = centre[i] * per_L;
       calcium[i] = calcium[i] * per_L;
     }

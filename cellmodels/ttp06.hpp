@@ -436,10 +436,7 @@ struct Ttp06 {
   template <class N, class P>
   static Evaluation<N, states.size(), observables.size()> evaluate(const N* y, const N* in,
                                                                    const Constants<P>& c) {
-    Evaluation<N, states.size(), observables.size()> e;
-    voltage_gates(y[V], c, e);
-    balances(y, in, voltage_factors(y[V], c), c, e);
-    return e;
+    return evaluate_in_parts<Ttp06, N>(y, in, c);
   }
 
   // Charge balance, in mV: an exact invariant, with and without stimulus, if K+ carries the stimulus.

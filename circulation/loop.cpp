@@ -56,6 +56,14 @@ void append_circulation_row(Table& table, double t, const double* y, const doubl
   for (int k = 0; k < n_valves; ++k) table.columns[column++].values.push_back(Q[k]);
 }
 
+LimitCycleSettings loop_cycle_settings(double distance) {
+  LimitCycleSettings settings;
+  settings.distance = distance;
+  settings.plain_beats = 2;
+  settings.relaxing_beats = 0;
+  return settings;
+}
+
 std::vector<double> circulation_scales() { return {100, 100, 100, 100, 10, 10, 10, 10, 100, 100, 100, 100}; }
 
 LoopSolver::LoopSolver(Loop loop, LoopIntegrator integrator)
@@ -199,9 +207,7 @@ std::optional<double> LoopSolver::integrator_shift(const CirculationValues& on_c
   finer.relative_tolerance = std::max(1e-13, 0.1 * finer.relative_tolerance);
   finer.absolute_tolerance = std::max(1e-14, 0.1 * finer.absolute_tolerance);
   CirculationValues moved = on_cycle;
-  LimitCycleSettings settings;
-  settings.distance = 1e-8;
-  settings.relaxing_beats = 0;
+  LimitCycleSettings settings = loop_cycle_settings(1e-8);
   settings.max_beats = 100;
   try {
     if (LoopSolver(loop_, finer).to_limit_cycle(moved, settings).verdict != LimitCycleVerdict::period_1)

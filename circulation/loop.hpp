@@ -90,6 +90,9 @@ Table circulation_table();
 void append_circulation_row(Table& table, double t, const double* y, const double* p,
                             const std::array<double, n_valves>& Q);
 
+// A loop has no fast directions that a jump upsets: it is accelerated after two beats, at every beat.
+LimitCycleSettings loop_cycle_settings(double distance);
+
 // Scales of the distance to a limit cycle: 100 mL, 10 mmHg, 100 mL/s.
 std::vector<double> circulation_scales();
 

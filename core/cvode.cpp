@@ -7,7 +7,7 @@
 
 #include <cmath>
 #include <cstring>
-#include <exception>
+#include <wiggers/core/carried_exception.hpp>
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/errors.hpp>
 
@@ -60,8 +60,8 @@ struct Cvode::Implementation {
   bool started = false;
   double t = 0;
   double start_time = 0;
-  std::exception_ptr thrown;  // an exception may not pass through the C library; it is carried round it
-  OdeCounts before_restart;
+  CarriedException carried;
+  AdaptiveCounts before_restart;
 
   ~Implementation() {
     if (memory) CVodeFree(&memory);
@@ -74,11 +74,7 @@ struct Cvode::Implementation {
 
   void check(int code, const char* call) {
     if (code >= 0) return;
-    if (thrown) {
-      std::exception_ptr carried = thrown;
-      thrown = nullptr;
-      std::rethrow_exception(carried);
-    }
+    carried.rethrow();
     throw NumericalFailure(fmt::format(
         "time integration failed at t = {}: {} ({}). Try a looser relative tolerance (now {}) or check the "
         "inputs near that time.",
@@ -92,37 +88,28 @@ struct Cvode::Implementation {
 
   static int derivative(double t, N_Vector y, N_Vector dy, void* user) {
     auto* self = static_cast<Implementation*>(user);
-    try {
+    return self->carried.guard([&] {
       double* out = N_VGetArrayPointer(dy);
       self->system.derivative(t, N_VGetArrayPointer(y), out);
       for (std::size_t i = 0; i < self->system.size; ++i)
         if (!std::isfinite(out[i])) return 1;  // recoverable: the step is cut
       return 0;
-    } catch (...) {
-      self->thrown = std::current_exception();
-      return -1;
-    }
+    });
   }
   static int jacobian(double t, N_Vector y, N_Vector, SUNMatrix matrix, void* user, N_Vector, N_Vector,
                       N_Vector) {
     auto* self = static_cast<Implementation*>(user);
-    try {
+    return self->carried.guard([&] {
       self->system.jacobian(t, N_VGetArrayPointer(y), SUNDenseMatrix_Data(matrix));
       return 0;
-    } catch (...) {
-      self->thrown = std::current_exception();
-      return -1;
-    }
+    });
   }
   static int roots(double t, N_Vector y, double* values, void* user) {
     auto* self = static_cast<Implementation*>(user);
-    try {
+    return self->carried.guard([&] {
       self->system.roots(t, N_VGetArrayPointer(y), values);
       return 0;
-    } catch (...) {
-      self->thrown = std::current_exception();
-      return -1;
-    }
+    });
   }
   static void silent(int, const char*, const char*, char*, void*) {}  // errors are reported by check()
 };
@@ -196,16 +183,16 @@ void Cvode::set_largest_step(double h) {
   implementation_->check(CVodeSetMaxStep(implementation_->memory, h), "CVodeSetMaxStep");
 }
 
-OdeCounts Cvode::counts() const {
+AdaptiveCounts Cvode::counts() const {
   const Implementation& m = *implementation_;
-  OdeCounts c = m.before_restart;
+  AdaptiveCounts c = m.before_restart;
   if (!m.started) return c;
   long value = 0;
   if (CVodeGetNumSteps(m.memory, &value) >= 0) c.steps += value;
   if (CVodeGetNumRhsEvals(m.memory, &value) >= 0) c.evaluations += value;
   if (CVodeGetNumJacEvals(m.memory, &value) >= 0) c.jacobians += value;
   if (CVodeGetNumLinSolvSetups(m.memory, &value) >= 0) c.factorisations += value;
-  if (CVodeGetNumErrTestFails(m.memory, &value) >= 0) c.error_test_failures += value;
+  if (CVodeGetNumErrTestFails(m.memory, &value) >= 0) c.rejected += value;
   return c;
 }
 

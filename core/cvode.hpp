@@ -8,6 +8,7 @@
 #include <memory>
 #include <string>
 #include <vector>
+#include <wiggers/core/adaptive.hpp>
 
 namespace wiggers {
 
@@ -29,14 +30,6 @@ struct OdeTolerances {
   std::vector<double> absolute;  // one per component
 };
 
-struct OdeCounts {
-  long steps = 0;
-  long evaluations = 0;
-  long jacobians = 0;
-  long error_test_failures = 0;
-  long factorisations = 0;
-};
-
 class Cvode {
  public:
   Cvode(OdeSystem system, OdeTolerances tolerances);
@@ -55,7 +48,7 @@ class Cvode {
   // Largest internal step (0: no limit).
   void set_largest_step(double h);
 
-  OdeCounts counts() const;
+  AdaptiveCounts counts() const;
 
  private:
   struct Implementation;

@@ -24,6 +24,17 @@ struct Evaluation {
 template <class Model, class T>
 using EvaluationOf = Evaluation<T, Model::states.size(), Model::observables.size()>;
 
+// The whole evaluation of a model that comes in parts: gates of V, factors of V, and what needs the other
+// states.
+template <class Model, class T, class Constants>
+inline EvaluationOf<Model, T> evaluate_in_parts(const T* y, const T* inputs, const Constants& constants) {
+  EvaluationOf<Model, T> e;
+  const T& V = y[Model::membrane_potential];
+  Model::voltage_gates(V, constants, e);
+  Model::balances(y, inputs, Model::voltage_factors(V, constants), constants, e);
+  return e;
+}
+
 // Derivatives of all states, gates included.
 template <class Model, class T>
 inline void rates_from(const EvaluationOf<Model, T>& e, const T* y, T* rates) {

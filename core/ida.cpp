@@ -7,7 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <exception>
+#include <wiggers/core/carried_exception.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/ida.hpp>
 
@@ -25,7 +25,7 @@ struct Ida::Implementation {
   bool started = false;
   double t = 0;
   long steps_before = 0;
-  std::exception_ptr thrown;
+  CarriedException carried;
 
   ~Implementation() {
     if (memory) IDAFree(&memory);
@@ -37,11 +37,7 @@ struct Ida::Implementation {
   }
   void check(int code, const char* call) {
     if (code >= 0) return;
-    if (thrown) {
-      std::exception_ptr carried = thrown;
-      thrown = nullptr;
-      std::rethrow_exception(carried);
-    }
+    carried.rethrow();
     char* flag = IDAGetReturnFlagName(code);
     const std::string text = flag ? flag : "unknown";
     std::free(flag);
@@ -51,18 +47,9 @@ struct Ida::Implementation {
                     "(now {}).",
                     t, text, call, relative));
   }
-  template <class Work>
-  int guarded(Work work) {
-    try {
-      return work();
-    } catch (...) {
-      thrown = std::current_exception();
-      return -1;
-    }
-  }
   static int residual(double t, N_Vector y, N_Vector dy, N_Vector r, void* user) {
     auto* self = static_cast<Implementation*>(user);
-    return self->guarded([&] {
+    return self->carried.guard([&] {
       double* out = N_VGetArrayPointer(r);
       self->system.residual(t, N_VGetArrayPointer(y), N_VGetArrayPointer(dy), out);
       for (std::size_t i = 0; i < self->system.size; ++i)
@@ -72,7 +59,7 @@ struct Ida::Implementation {
   }
   static int roots(double t, N_Vector y, N_Vector, double* values, void* user) {
     auto* self = static_cast<Implementation*>(user);
-    return self->guarded([&] {
+    return self->carried.guard([&] {
       self->system.roots(t, N_VGetArrayPointer(y), values);
       return 0;
     });

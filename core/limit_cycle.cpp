@@ -1,13 +1,8 @@
 #include <algorithm>
 #include <cmath>
-#include <wiggers/core/limit_cycle.hpp>
-
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"  // false positive inside Eigen 3.4 with GCC 12
-#endif
-#include <Eigen/Dense>
+#include <wiggers/core/dense.hpp>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/limit_cycle.hpp>
 
 namespace wiggers {
 

@@ -4,16 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <exception>
 #include <memory>
-#include <wiggers/core/limit_cycle_solve.hpp>
-
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"  // false positive inside Eigen 3.4 with GCC 12
-#endif
-#include <Eigen/Dense>
+#include <wiggers/core/carried_exception.hpp>
+#include <wiggers/core/dense.hpp>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/limit_cycle_solve.hpp>
 
 namespace wiggers {
 
@@ -158,11 +153,11 @@ struct KinsolRun {
   LimitCycleSearch search;
   const AfterBeat& after_beat;
   State last;
-  std::exception_ptr thrown;
+  CarriedException carried;
 
   static int evaluate(N_Vector x, N_Vector image, void* user) {
     auto* self = static_cast<KinsolRun*>(user);
-    try {
+    return self->carried.guard([&] {
       const double* from = N_VGetArrayPointer(x);
       State start(from, from + self->map.scales.size());
       self->map.admit(start);
@@ -171,10 +166,7 @@ struct KinsolRun {
       if (self->after_beat) self->after_beat(self->search.certificate());
       std::copy(self->last.begin(), self->last.end(), N_VGetArrayPointer(image));
       return self->search.running() ? 0 : -1;
-    } catch (...) {
-      self->thrown = std::current_exception();
-      return -1;
-    }
+    });
   }
   static void silent(int, const char*, const char*, char*, void*) {}
 };
@@ -182,7 +174,7 @@ struct KinsolRun {
 LimitCycleCertificate kinsol(const BeatMap& map, const LimitCycleSettings& settings, State& state,
                              const AfterBeat& after_beat) {
   const auto n = static_cast<sunindextype>(state.size());
-  KinsolRun run{map, LimitCycleSearch(settings, map.scales, map.positive), after_beat, state, nullptr};
+  KinsolRun run{map, LimitCycleSearch(settings, map.scales, map.positive), after_beat, state, {}};
   SUNContext raw_context = nullptr;
   if (SUNContext_Create(nullptr, &raw_context) < 0) throw ResourceError("SUNContext_Create: out of memory");
   const std::unique_ptr<_SUNContext, void (*)(SUNContext)> context(raw_context,
@@ -204,7 +196,7 @@ LimitCycleCertificate kinsol(const BeatMap& map, const LimitCycleSettings& setti
   KINSetFuncNormTol(memory, 1e-15);  // our certificate ends the iteration
   KINSol(memory, x.get(), KIN_FP, scale.get(), scale.get());
   KINFree(&memory);
-  if (run.thrown) std::rethrow_exception(run.thrown);
+  run.carried.rethrow();
   state = run.last;
   LimitCycleCertificate certificate = run.search.certificate();
   // KINSOL gave up, or thinks that it is done where the certificate does not.

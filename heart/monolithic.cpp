@@ -353,10 +353,8 @@ LimitCycleCertificate MonolithicHeart::to_limit_cycle(double distance) {
     }
     hold_total_volume(m.scene.circulation, y.data(), m.volume);
   };
-  LimitCycleSettings settings;
-  settings.distance = distance;
+  LimitCycleSettings settings = loop_cycle_settings(distance);
   settings.map_noise = m.settings.relative_tolerance;
-  settings.relaxing_beats = 0;
   return find_limit_cycle(map, settings, m.state, [](const LimitCycleCertificate&) { check_interrupt(); });
 }
 

@@ -43,10 +43,7 @@ TradeStudy trade_loop(const Loop& loop, Progress& progress) {
   const LoopSolver finest(loop, {"cvode", 1e-12, 1e-12, 1e-3});
   CirculationValues start = loop.initial;
   progress.update(0, "reference");
-  LimitCycleSettings settings;
-  settings.distance = 1e-9;
-  settings.relaxing_beats = 0;
-  finest.to_limit_cycle(start, settings);
+  finest.to_limit_cycle(start, loop_cycle_settings(1e-9));
   const auto run = [&](const LoopIntegrator& integrator, double spacing_s) {
     Table table = circulation_table();
     CirculationValues state = start;

@@ -82,11 +82,8 @@ void add_loop(CLI::App& app) {
     summary.wanted_distance = o->distance;
     const double volume = total_volume(loop.circulation, state.data());
     if (to_cycle) {
-      LimitCycleSettings settings;
-      settings.distance = o->distance;
+      LimitCycleSettings settings = loop_cycle_settings(o->distance);
       settings.max_beats = o->max_beats;
-      settings.plain_beats = 2;
-      settings.relaxing_beats = 0;
       settings.method = method;
       summary.certificate = solver.to_limit_cycle(state, settings, [&](const LimitCycleCertificate& c) {
         progress.update(-1, fmt::format("beat {}, distance {:.1e}", c.beats, c.distance));

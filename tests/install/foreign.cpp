@@ -1,6 +1,7 @@
 // A foreign project: one beat of a cell and of a loop through the installed headers and libraries.
 #include <cstdio>
 #include <wiggers/cellmodels/pacing.hpp>
+#include <wiggers/cellmodels/population.hpp>
 #include <wiggers/circulation/loop.hpp>
 #ifdef WITH_HEART
 #include <wiggers/heart/scene.hpp>
@@ -14,6 +15,11 @@ int main() {
   double peak = -100;
   cell.beat(state, 1,
             [&](double, const double* y, double) { peak = std::max(peak, y[model.membrane_potential]); });
+  // As the README has it.
+  CellPopulation cells(model, 100, {.table_spacing_mV = 0.1, .threads = 2});
+  cells.set_input("i_stim", -52);
+  cells.step(0.02, 50);
+  if (cells.state_of(99)[0] < -30) return 1;
   const LoopSolver solver(find_circulation_set("wiggers-healthy-0d").loop, {});
   CirculationValues values = solver.loop().initial;
   solver.beat(values);

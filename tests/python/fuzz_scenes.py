@@ -45,7 +45,7 @@ def test_a_bent_scene_ends_in_words(seed, tmp_path):
     chance = random.Random(seed)
     text = (SCENES / f"{chance.choice(NAMES)}.toml").read_text().replace('base = "', f'base = "{SCENES}/')
     (tmp_path / "scene.toml").write_text(bent(text, chance))
-    words = [COMMAND, "run", "scene.toml", "--quiet", "--json", "--set", "run.max_beats=4"]
+    words = [COMMAND, "run", "scene.toml", "--quiet", "--json", "--set", "run.until=beats", "--set", "run.beats=2"]
     outcome = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert outcome.returncode in (0, 1, 2), outcome.stderr
     assert "terminate called" not in outcome.stderr

@@ -1,6 +1,6 @@
 """Writes docs/trade.md and docs/extremes.md from `wiggers trade` and `wiggers extremes`, measured here and now.
 
-Usage: make_docs.py WIGGERS DOCS
+Usage: make_tables.py WIGGERS DOCS
 """
 
 import subprocess
