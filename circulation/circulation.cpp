@@ -7,16 +7,6 @@
 
 namespace wiggers {
 
-double total_volume(const CirculationParameters& c, const double* y) {
-  return y[V_LA] + y[V_LV] + y[V_RA] + y[V_RV] + c.circuits[SYS].C_AR * y[p_AR_SYS] +
-         c.circuits[SYS].C_VEN * y[p_VEN_SYS] + c.circuits[PUL].C_AR * y[p_AR_PUL] +
-         c.circuits[PUL].C_VEN * y[p_VEN_PUL];
-}
-
-void hold_total_volume(const CirculationParameters& c, double* y, double volume_mL) {
-  y[p_VEN_SYS] += (volume_mL - total_volume(c, y)) / c.circuits[SYS].C_VEN;
-}
-
 double dissipated_power(const CirculationParameters& c, const double* y, const double* p,
                         const std::array<double, n_valves>& Q) {
   const double branches =

@@ -18,9 +18,11 @@
 
 namespace wiggers {
 
-struct CircuitParameters {
-  double R_AR = 0, C_AR = 0, L_AR = 0, R_VEN = 0, C_VEN = 0, L_VEN = 0;
+template <class P>
+struct CircuitParametersOf {
+  P R_AR = 0, C_AR = 0, L_AR = 0, R_VEN = 0, C_VEN = 0, L_VEN = 0;
 };
+using CircuitParameters = CircuitParametersOf<double>;
 inline constexpr std::array circuit_quantities = {
     Quantity{"R_AR", "mmHg s/mL", 0.48, 0, 1e3, "arterial resistance"},
     Quantity{"C_AR", "mL/mmHg", 1.5, 1e-6, 1e4, "arterial compliance"},
@@ -30,6 +32,10 @@ inline constexpr std::array circuit_quantities = {
     Quantity{"L_VEN", "mmHg s^2/mL", 5e-4, 1e-9, 10, "venous inertance"},
 };
 static_assert(well_formed(circuit_quantities));
+template <class Circuit>
+auto fields_of(Circuit& c) requires requires { c.R_AR; } {
+  return std::array{&c.R_AR, &c.C_AR, &c.L_AR, &c.R_VEN, &c.C_VEN, &c.L_VEN};
+}
 
 // The states as quantities; defaults: the start of the set wiggers-healthy-0d.
 inline constexpr std::array circulation_state_quantities = {
@@ -48,32 +54,35 @@ inline constexpr std::array circulation_state_quantities = {
 };
 static_assert(well_formed(circulation_state_quantities));
 
-struct CirculationParameters {
+// Parameters may be plain, or dual to carry sensitivities.
+template <class P>
+struct CirculationParametersOf {
   ValveLaw valve_law = ValveLaw::diode;
-  double tanh_steepness = tanh_steepness_quantity.default_value;
-  std::array<ValveParameters, n_valves> valves;
-  std::array<CircuitParameters, 2> circuits;  // SYS, PUL
+  P tanh_steepness = tanh_steepness_quantity.default_value;
+  std::array<ValveParametersOf<P>, n_valves> valves;
+  std::array<CircuitParametersOf<P>, 2> circuits;  // SYS, PUL
 };
+using CirculationParameters = CirculationParametersOf<double>;
 
 using CirculationValues = std::array<double, n_circulation_states>;
 
 // Flows through MV, AV, TV, PV for chamber pressures p[LA, LV, RA, RV].
-template <class T>
-std::array<T, n_valves> valve_flows(const CirculationParameters& c, const T* p, const T& p_ar_sys,
+template <class T, class P>
+std::array<T, n_valves> valve_flows(const CirculationParametersOf<P>& c, const T* p, const T& p_ar_sys,
                                     const T& p_ar_pul) {
   const auto flow = [&](int valve, const T& p1, const T& p2) {
-    return valve_flow<T>(c.valve_law, c.valves[valve], c.tanh_steepness, p1, p2);
+    return valve_flow<T, P>(c.valve_law, c.valves[valve], c.tanh_steepness, p1, p2);
   };
   return {flow(MV, p[LA], p[LV]), flow(AV, p[LV], p_ar_sys), flow(TV, p[RA], p[RV]),
           flow(PV, p[RV], p_ar_pul)};
 }
 
 // Time derivatives of the twelve states for given chamber pressures and valve flows.
-template <class T>
-void circulation_rates(const CirculationParameters& c, const T* y, const T* p,
+template <class T, class P>
+void circulation_rates(const CirculationParametersOf<P>& c, const T* y, const T* p,
                        const std::array<T, n_valves>& Q, T* dy) {
-  const CircuitParameters& s = c.circuits[SYS];
-  const CircuitParameters& l = c.circuits[PUL];
+  const CircuitParametersOf<P>& s = c.circuits[SYS];
+  const CircuitParametersOf<P>& l = c.circuits[PUL];
   dy[V_LA] = y[Q_VEN_PUL] - Q[MV];
   dy[V_LV] = Q[MV] - Q[AV];
   dy[V_RA] = y[Q_VEN_SYS] - Q[TV];
@@ -89,10 +98,18 @@ void circulation_rates(const CirculationParameters& c, const T* y, const T* p,
 }
 
 // Total stressed blood volume (mL).
-double total_volume(const CirculationParameters& c, const double* y);
+template <class T, class P>
+T total_volume(const CirculationParametersOf<P>& c, const T* y) {
+  T sum = y[V_LA] + y[V_LV] + y[V_RA] + y[V_RV];
+  sum = sum + c.circuits[SYS].C_AR * y[p_AR_SYS] + c.circuits[SYS].C_VEN * y[p_VEN_SYS];
+  return sum + c.circuits[PUL].C_AR * y[p_AR_PUL] + c.circuits[PUL].C_VEN * y[p_VEN_PUL];
+}
 
 // Sets the systemic venous pressure so that the total volume has the given value.
-void hold_total_volume(const CirculationParameters& c, double* y, double volume_mL);
+template <class T, class P>
+void hold_total_volume(const CirculationParametersOf<P>& c, T* y, const std::type_identity_t<T>& volume_mL) {
+  y[p_VEN_SYS] = y[p_VEN_SYS] + (volume_mL - total_volume(c, y)) / c.circuits[SYS].C_VEN;
+}
 
 // Power lost in resistors and valves (mmHg mL/s): what the chambers' work must equal over a periodic beat.
 double dissipated_power(const CirculationParameters& c, const double* y, const double* p,

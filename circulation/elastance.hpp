@@ -8,13 +8,16 @@
 
 #include <array>
 #include <cmath>
+#include <wiggers/core/numbers.hpp>
 #include <wiggers/core/quantity.hpp>
 
 namespace wiggers {
 
-struct ElastanceParameters {
-  double EA = 0, EB = 0, tC = 0, TC = 0, TR = 0, V0 = 0;
+template <class P>
+struct ElastanceParametersOf {
+  P EA = 0, EB = 0, tC = 0, TC = 0, TR = 0, V0 = 0;
 };
+using ElastanceParameters = ElastanceParametersOf<double>;
 // Defaults: left ventricle of the set wiggers-healthy-0d.
 inline constexpr std::array elastance_quantities = {
     Quantity{"EA", "mmHg/mL", 2.75, 0, 1e3, "amplitude of the elastance (peak: EA + EB)"},
@@ -25,23 +28,33 @@ inline constexpr std::array elastance_quantities = {
     Quantity{"V0", "mL", 5, -100, 1e3, "volume at zero pressure"},
 };
 static_assert(well_formed(elastance_quantities));
+template <class Elastance>
+auto fields_of(Elastance& e) requires requires { e.EA; } {
+  return std::array{&e.EA, &e.EB, &e.tC, &e.TC, &e.TR, &e.V0};
+}
 
-// Remainder in [0, period), for negative times too.
+// Remainder in [0, period], for negative times too; below the period but for rounding.
+template <class T>
+T wrapped(const T& t, const T& period) {
+  return t - period * floor(T(t / period));
+}
 inline double wrapped(double t, double period) {
   const double r = std::fmod(t, period);
   return r < 0 ? r + period : r;
 }
 
 // phi(t) in [0, 1].
-inline double elastance_activation(const ElastanceParameters& e, double t, double period) {
-  constexpr double pi = 3.14159265358979323846;
-  const double m = wrapped(t - e.tC, period);
-  if (m < e.TC) return 0.5 * (1 - std::cos(pi * m / e.TC));
-  if (m < e.TC + e.TR) return 0.5 * (1 + std::cos(pi * (m - e.TC) / e.TR));
-  return 0;
+template <class T>
+T elastance_activation(const ElastanceParametersOf<T>& e, const T& t, const T& period) {
+  const T m = wrapped(T(t - e.tC), period);
+  // -1 at the onset, 0 at the peak, 1 when relaxed; phi = (1 + cos(pi x))/2.
+  const T falling = (m - e.TC) / e.TR;
+  const T phi = square(quarter_cosine(select(m < e.TC, T(m / e.TC - 1.0), select(falling < 1.0, falling, T(1.0)))));
+  return select(falling < 1.0, phi, T(0.0));
 }
 
-inline double elastance(const ElastanceParameters& e, double t, double period) {
+template <class T>
+T elastance(const ElastanceParametersOf<T>& e, const T& t, const T& period) {
   return e.EB + e.EA * elastance_activation(e, t, period);
 }
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <set>
 #include <wiggers/circulation/loop.hpp>
+#include <wiggers/circulation/loop_beat.hpp>
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
@@ -18,8 +19,7 @@ using Jet = Dual<n_circulation_states>;
 template <class T>
 void loop_rates(const Loop& loop, double t, const T* y, T* dy) {
   T p[n_chambers];
-  for (int c = 0; c < n_chambers; ++c)
-    p[c] = elastance(loop.elastance[c], t, loop.period_s) * (y[c] - loop.elastance[c].V0);
+  loop_pressures(loop, t, y, p);
   const auto Q = valve_flows<T>(loop.circulation, p, y[p_AR_SYS], y[p_AR_PUL]);
   circulation_rates<T>(loop.circulation, y, p, Q, dy);
 }
@@ -87,12 +87,12 @@ LoopSolver::LoopSolver(Loop loop, LoopIntegrator integrator)
   // Instants that differ by rounding only are one.
   for (double t : breaks)
     if (breaks_.empty() || t - breaks_.back() > 1e-9 * loop_.period_s) breaks_.push_back(t);
+  if (integrator_.name == "runge-kutta-4") steps_ = std::make_shared<LoopBeat<double>>(loop_, integrator_.dt_s);
 }
 
 std::array<double, n_chambers> LoopSolver::pressures(double t, const double* y) const {
   std::array<double, n_chambers> p{};
-  for (int c = 0; c < n_chambers; ++c)
-    p[c] = elastance(loop_.elastance[c], t, loop_.period_s) * (y[c] - loop_.elastance[c].V0);
+  loop_pressures(loop_, t, y, p.data());
   return p;
 }
 
@@ -152,26 +152,30 @@ void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table) c
     return;
   }
 
+  if (integrator_.name == "runge-kutta-4") {
+    const std::vector<double> sample_times(samples.begin(), samples.end());
+    auto next = sample_times.begin();
+    if (next != sample_times.end()) ++next;  // the start is recorded already
+    steps_->run(
+        state.data(),
+        [&](double t, const double* y, const ValveStates&) {
+          check_state(y, t);
+          if (next == sample_times.end() || t < *next - 1e-9 * period) return;
+          record(*next);
+          ++next;
+        },
+        sample_times);
+    return;
+  }
+
   double t = 0;
-  CirculationValues k1, k2, k3, k4, y;
+  CirculationValues k1;
   for (double stop : stops) {
     const auto n = static_cast<long>(std::ceil((stop - t) / integrator_.dt_s * (1 - 1e-12)));
     const double h = (stop - t) / static_cast<double>(n);
     for (long step = 0; step < n; ++step) {
-      const double now = t + static_cast<double>(step) * h;
-      loop_rates<double>(loop_, now, state.data(), k1.data());
-      if (integrator_.name == "forward-euler") {
-        for (int i = 0; i < n_circulation_states; ++i) state[i] += h * k1[i];
-        continue;
-      }
-      for (int i = 0; i < n_circulation_states; ++i) y[i] = state[i] + 0.5 * h * k1[i];
-      loop_rates<double>(loop_, now + 0.5 * h, y.data(), k2.data());
-      for (int i = 0; i < n_circulation_states; ++i) y[i] = state[i] + 0.5 * h * k2[i];
-      loop_rates<double>(loop_, now + 0.5 * h, y.data(), k3.data());
-      for (int i = 0; i < n_circulation_states; ++i) y[i] = state[i] + h * k3[i];
-      loop_rates<double>(loop_, now + h, y.data(), k4.data());
-      for (int i = 0; i < n_circulation_states; ++i)
-        state[i] += h / 6 * (k1[i] + 2 * k2[i] + 2 * k3[i] + k4[i]);
+      loop_rates<double>(loop_, t + static_cast<double>(step) * h, state.data(), k1.data());
+      for (int i = 0; i < n_circulation_states; ++i) state[i] += h * k1[i];
     }
     t = stop;
     check_state(state.data(), t);

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -17,15 +18,60 @@
 
 namespace wiggers {
 
-struct Loop {
-  double period_s = 0.8;
-  CirculationParameters circulation;
-  std::array<ElastanceParameters, n_chambers> elastance;  // LA, LV, RA, RV
+// Parameters may be plain, or dual to carry sensitivities.
+template <class P>
+struct LoopOf {
+  P period_s = 0.8;
+  CirculationParametersOf<P> circulation;
+  std::array<ElastanceParametersOf<P>, n_chambers> elastance;  // LA, LV, RA, RV
   CirculationValues initial{};
 };
+using Loop = LoopOf<double>;
 inline constexpr Quantity period_quantity = {"period_s", "s", 0.8, 0.05, 20, "duration of a heart beat"};
 inline constexpr Quantity total_volume_quantity = {
     "total_volume", "mL", 2850, 1, 1e6, "stressed blood volume; fixes the initial systemic venous pressure"};
+
+// visit(name, quantity, field) for every parameter, by its name in a loop file.
+template <class Circulation, class Visit>
+void for_each_circulation_parameter(Circulation& c, Visit visit) {
+  const auto table = [&](std::string_view group, std::string_view member, const auto& quantities,
+                         const auto& fields) {
+    for (std::size_t k = 0; k < quantities.size(); ++k) {
+      std::string name(group);
+      name.append(".").append(member).append(".").append(quantities[k].name);
+      visit(name, quantities[k], *fields[k]);
+    }
+  };
+  for (int v = 0; v < n_valves; ++v) table("valves", valve_names[v], valve_quantities, fields_of(c.valves[v]));
+  if (c.valve_law == ValveLaw::tanh)
+    visit(std::string(tanh_steepness_quantity.name), tanh_steepness_quantity, c.tanh_steepness);
+  for (int k = 0; k < 2; ++k) table("circuit", circuit_names[k], circuit_quantities, fields_of(c.circuits[k]));
+}
+template <class AnyLoop, class Visit>
+void for_each_loop_parameter(AnyLoop& loop, Visit visit) {
+  visit(std::string(period_quantity.name), period_quantity, loop.period_s);
+  for_each_circulation_parameter(loop.circulation, visit);
+  for (int c = 0; c < n_chambers; ++c) {
+    const auto fields = fields_of(loop.elastance[c]);
+    for (std::size_t k = 0; k < elastance_quantities.size(); ++k) {
+      std::string name("elastance.");
+      name.append(chamber_names[c]).append(".").append(elastance_quantities[k].name);
+      visit(name, elastance_quantities[k], *fields[k]);
+    }
+  }
+}
+// A loop with the same values and no derivatives.
+template <class P>
+LoopOf<P> lifted(const Loop& loop) {
+  LoopOf<P> result;
+  result.circulation.valve_law = loop.circulation.valve_law;
+  result.initial = loop.initial;
+  std::vector<double> values;
+  for_each_loop_parameter(loop, [&](const std::string&, const Quantity&, double value) { values.push_back(value); });
+  std::size_t k = 0;
+  for_each_loop_parameter(result, [&](const std::string&, const Quantity&, P& field) { field = P(values[k++]); });
+  return result;
+}
 
 // Named sets with their sources. A set without elastances (the whole-heart paper's) leaves chambers to
 // others.
@@ -58,6 +104,10 @@ struct LoopIntegrator {
 inline constexpr std::array<std::string_view, 3> loop_integrators = {"cvode", "forward-euler",
                                                                      "runge-kutta-4"};
 
+struct PlainStep;
+template <class T, class Step = PlainStep>
+class LoopBeat;  // loop_beat.hpp
+
 class LoopSolver {
  public:
   LoopSolver(Loop loop, LoopIntegrator integrator);
@@ -82,7 +132,8 @@ class LoopSolver {
  private:
   Loop loop_;
   LoopIntegrator integrator_;
-  std::vector<double> breaks_;  // activation break points within the period
+  std::shared_ptr<const LoopBeat<double>> steps_;  // runge-kutta-4
+  std::vector<double> breaks_;  // activation break points within the period (cvode restarts there)
 };
 
 // Columns t_s, the twelve states, four chamber pressures, four valve flows.

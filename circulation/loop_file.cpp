@@ -42,10 +42,8 @@ ValveParameters read_valve(SettingsReader& table, const ValveParameters& default
 
 CircuitParameters read_circuit(SettingsReader& table, const CircuitParameters& d) {
   CircuitParameters c;
-  double* const values[] = {&c.R_AR, &c.C_AR, &c.L_AR, &c.R_VEN, &c.C_VEN, &c.L_VEN};
-  const double defaults[] = {d.R_AR, d.C_AR, d.L_AR, d.R_VEN, d.C_VEN, d.L_VEN};
   for (std::size_t k = 0; k < circuit_quantities.size(); ++k)
-    *values[k] = table.number(circuit_quantities[k], defaults[k]);
+    *fields_of(c)[k] = table.number(circuit_quantities[k], *fields_of(d)[k]);
   return c;
 }
 
@@ -53,10 +51,8 @@ CircuitParameters read_circuit(SettingsReader& table, const CircuitParameters& d
 
 ElastanceParameters read_elastance(SettingsReader& table, const ElastanceParameters& d) {
   ElastanceParameters e;
-  double* const values[] = {&e.EA, &e.EB, &e.tC, &e.TC, &e.TR, &e.V0};
-  const double defaults[] = {d.EA, d.EB, d.tC, d.TC, d.TR, d.V0};
   for (std::size_t k = 0; k < elastance_quantities.size(); ++k)
-    *values[k] = table.number(elastance_quantities[k], defaults[k]);
+    *fields_of(e)[k] = table.number(elastance_quantities[k], *fields_of(d)[k]);
   return e;
 }
 

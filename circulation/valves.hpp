@@ -13,6 +13,7 @@
 #include <array>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <wiggers/core/numbers.hpp>
 #include <wiggers/core/quantity.hpp>
 
@@ -21,22 +22,39 @@ namespace wiggers {
 enum class ValveLaw { diode, log_arctan, tanh, ideal };
 inline constexpr std::array<std::string_view, 4> valve_law_names = {"diode", "log-arctan", "tanh", "ideal"};
 
-struct ValveParameters {
-  double Rmin = 0.0075;
-  double Rmax = 75000;
+template <class P>
+struct ValveParametersOf {
+  P Rmin = 0.0075;
+  P Rmax = 75000;
 };
+using ValveParameters = ValveParametersOf<double>;
 inline constexpr std::array valve_quantities = {
     Quantity{"Rmin", "mmHg s/mL", 0.0075, 1e-6, 1e3, "resistance of the open valve"},
     Quantity{"Rmax", "mmHg s/mL", 75000, 1e-3, 1e12, "resistance of the closed valve"},
 };
 static_assert(well_formed(valve_quantities));
+// The fields in the order of the quantities.
+template <class Valve>
+auto fields_of(Valve& v) requires requires { v.Rmin; } {
+  return std::array{&v.Rmin, &v.Rmax};
+}
 inline constexpr Quantity tanh_steepness_quantity = {
     "tanh_steepness", "1/mmHg", 20, 1e-3, 1e6, "steepness k of the tanh valve law"};
 
-template <class T>
-T valve_flow(ValveLaw law, const ValveParameters& valve, double tanh_steepness, const T& p1, const T& p2) {
+// Laws whose resistance jumps where p1 = p2; the flow is continuous there.
+inline bool has_kink(ValveLaw law) { return law == ValveLaw::diode || law == ValveLaw::ideal; }
+
+// The flow of such a valve that is known to be open or closed.
+template <class T, class P>
+T valve_flow_when(bool open, ValveLaw law, const ValveParametersOf<P>& valve, const T& dp) {
+  if (open) return dp / valve.Rmin;
+  return law == ValveLaw::ideal ? T(0.0) : T(dp / valve.Rmax);
+}
+
+template <class T, class P>
+T valve_flow(ValveLaw law, const ValveParametersOf<P>& valve, const std::type_identity_t<P>& tanh_steepness, const T& p1,
+             const T& p2) {
   constexpr double pi = 3.14159265358979323846;
-  constexpr double ln10 = 2.30258509299404568402;
   const T dp = p1 - p2;
   switch (law) {
     case ValveLaw::diode:
@@ -45,8 +63,8 @@ T valve_flow(ValveLaw law, const ValveParameters& valve, double tanh_steepness, 
       return select(dp > 0.0, T(dp / valve.Rmin), T(0.0));
     case ValveLaw::log_arctan: {
       const T closed = 0.5 + atan(T(-100.0 * pi * dp)) * (1.0 / pi);
-      const double low = std::log10(valve.Rmin), high = std::log10(valve.Rmax);
-      return dp * exp(T(-ln10 * (low + (high - low) * closed)));
+      const P low = log(valve.Rmin), high = log(valve.Rmax);
+      return dp * exp(T(-(low + (high - low) * closed)));
     }
     case ValveLaw::tanh:
       break;

@@ -8,11 +8,14 @@ namespace wiggers {
 
 template <int N>
 struct Dual {
-  double value = 0;
-  std::array<double, N> derivative{};
+  double value;
+  std::array<double, N> derivative;
 
-  Dual() = default;
-  Dual(double constant) : value(constant) {}  // NOLINT: constants mix freely with duals
+  Dual() : Dual(0.0) {}
+  Dual(double constant) : value(constant) { derivative.fill(0.0); }  // NOLINT: constants mix freely with duals
+  // Derivatives left for the caller to fill.
+  struct Unfilled {};
+  Dual(double result, Unfilled) : value(result) {}
 
   // The independent variable number `index`.
   static Dual variable(double value, int index) {
@@ -28,30 +31,30 @@ struct Dual {
 
   // f(x) given f and f' at the value: the chain rule.
   Dual chain(double f, double slope) const {
-    Dual r(f);
+    Dual r(f, Unfilled{});
     for (int k = 0; k < N; ++k) r.derivative[k] = slope * derivative[k];
     return r;
   }
 
   friend Dual operator-(const Dual& a) { return a.chain(-a.value, -1); }
   friend Dual operator+(const Dual& a, const Dual& b) {
-    Dual r(a.value + b.value);
+    Dual r(a.value + b.value, Unfilled{});
     for (int k = 0; k < N; ++k) r.derivative[k] = a.derivative[k] + b.derivative[k];
     return r;
   }
   friend Dual operator-(const Dual& a, const Dual& b) {
-    Dual r(a.value - b.value);
+    Dual r(a.value - b.value, Unfilled{});
     for (int k = 0; k < N; ++k) r.derivative[k] = a.derivative[k] - b.derivative[k];
     return r;
   }
   friend Dual operator*(const Dual& a, const Dual& b) {
-    Dual r(a.value * b.value);
+    Dual r(a.value * b.value, Unfilled{});
     for (int k = 0; k < N; ++k) r.derivative[k] = a.derivative[k] * b.value + a.value * b.derivative[k];
     return r;
   }
   friend Dual operator/(const Dual& a, const Dual& b) {
     const double inverse = 1 / b.value;
-    Dual r(a.value * inverse);
+    Dual r(a.value * inverse, Unfilled{});
     for (int k = 0; k < N; ++k) r.derivative[k] = (a.derivative[k] - r.value * b.derivative[k]) * inverse;
     return r;
   }
@@ -95,6 +98,10 @@ struct Dual {
   }
   friend Dual atan(const Dual& x) { return x.chain(std::atan(x.value), 1 / (1 + x.value * x.value)); }
   friend Dual cos(const Dual& x) { return x.chain(std::cos(x.value), -std::sin(x.value)); }
+  friend Dual quarter_cosine(const Dual& x) {
+    constexpr double half_pi = 1.57079632679489661923;
+    return x.chain(wiggers::quarter_cosine(x.value), -half_pi * std::sin(half_pi * x.value));
+  }
   friend Dual abs(const Dual& x) { return x.chain(std::abs(x.value), x.value < 0 ? -1.0 : 1.0); }
   friend Dual cbrt(const Dual& x) {
     const double root = std::cbrt(x.value);
@@ -104,6 +111,7 @@ struct Dual {
     const double power = std::pow(x.value, exponent);
     return x.chain(power, exponent * power / x.value);
   }
+  friend Dual floor(const Dual& x) { return Dual(std::floor(x.value)); }
   friend double value_of(const Dual& x) { return x.value; }
 };
 

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <wiggers/heart/run.hpp>
 #include <wiggers/heart/summary.hpp>
@@ -21,63 +22,15 @@ namespace {
 
 Json index_json(const BeatIndexes& b) {
   Json out;
-  const char* ventricles[] = {"LV", "RV"};
-  const char* atria[] = {"LA", "RA"};
-  for (int s = 0; s < 2; ++s) {
-    const VentricleIndexes& v = b.ventricle[s];
-    out[ventricles[s]] = {{"EDV_mL", v.EDV_mL},
-                          {"ESV_mL", v.ESV_mL},
-                          {"SV_mL", v.SV_mL},
-                          {"EF_percent", v.EF_percent},
-                          {"pressure_max_mmHg", v.pressure_max_mmHg},
-                          {"pressure_min_mmHg", v.pressure_min_mmHg},
-                          {"stroke_work_J", v.stroke_work_J},
-                          {"dpdt_max_mmHg_per_s", v.dpdt_max_mmHg_per_s},
-                          {"dpdt_min_mmHg_per_s", v.dpdt_min_mmHg_per_s}};
-  }
-  for (int s = 0; s < 2; ++s) {
-    const AtriumIndexes& a = b.atrium[s];
-    out[atria[s]] = {{"Vmax_mL", a.Vmax_mL},
-                     {"VpreAC_mL", a.VpreAC_mL},
-                     {"Vmin_mL", a.Vmin_mL},
-                     {"PassEF_percent", a.PassEF_percent},
-                     {"ActEF_percent", a.ActEF_percent},
-                     {"TotEF_percent", a.TotEF_percent},
-                     {"pressure_mean_mmHg", a.pressure_mean_mmHg},
-                     {"pressure_max_mmHg", a.pressure_max_mmHg},
-                     {"pressure_min_mmHg", a.pressure_min_mmHg},
-                     {"work_J", a.work_J}};
-  }
-  const auto artery = [](const BeatIndexes::Artery& a) {
-    return Json{{"pressure_max_mmHg", a.pressure_max_mmHg},
-                {"pressure_min_mmHg", a.pressure_min_mmHg},
-                {"pressure_mean_mmHg", a.pressure_mean_mmHg}};
-  };
-  out["aorta"] = artery(b.aorta);
-  out["pulmonary_artery"] = artery(b.pulmonary_artery);
-  Json valves;
-  for (int v = 0; v < n_valves; ++v) {
-    Json valve;
-    if (b.valve[v].opens_s) valve["opens_s"] = *b.valve[v].opens_s;
-    if (b.valve[v].closes_s) valve["closes_s"] = *b.valve[v].closes_s;
-    valve["peak_flow_mL_per_s"] = b.valve[v].peak_flow_mL_per_s;
-    valve["forward_volume_mL"] = b.valve[v].forward_volume_mL;
-    valve["backward_volume_mL"] = b.valve[v].backward_volume_mL;
-    valves[std::string(valve_names[v])] = valve;
-  }
-  out["valves"] = valves;
-  const char* inlets[] = {"MV", "TV"};
-  for (int s = 0; s < 2; ++s) {
-    if (b.E_over_A[s]) out["E_over_A"][inlets[s]] = *b.E_over_A[s];
-    if (b.E_mL_per_s[s]) out["E_mL_per_s"][inlets[s]] = *b.E_mL_per_s[s];
-    if (b.A_mL_per_s[s]) out["A_mL_per_s"][inlets[s]] = *b.A_mL_per_s[s];
-    if (b.atrial_kick_percent[s]) out["atrial_kick_percent"][inlets[s]] = *b.atrial_kick_percent[s];
-    Json phases;
+  for_each_index(b, [&](const std::string& name, const char*, double value) {
+    std::string pointer = "/" + name;
+    std::replace(pointer.begin(), pointer.end(), '.', '/');
+    out[Json::json_pointer(pointer)] = value;
+  });
+  for (int s = 0; s < 2; ++s)
     for (const Phase& phase : b.phases[s])
-      phases[phase.name] = {{"begins_s", phase.begins_s}, {"ends_s", phase.ends_s}};
-    if (!phases.is_null()) out["phases"][s == 0 ? "left" : "right"] = phases;
-  }
-  out["cardiac_output_L_per_min"] = b.cardiac_output_L_per_min;
+      out["phases"][s == 0 ? "left" : "right"][phase.name] = {{"begins_s", phase.begins_s},
+                                                              {"ends_s", phase.ends_s}};
   return out;
 }
 
@@ -197,30 +150,11 @@ Json summarise(const LoopSummary& loop) {
 }
 
 void write_indexes(ResultWriter& file, const BeatIndexes& b, double bsa) {
-  const Json all = index_json(b);
-  // Every number of the JSON summary becomes /indexes/...; the unit is the last part of its name.
-  const std::vector<std::pair<std::string, std::string>> units = {{"_mmHg_per_s", "mmHg/s"},
-                                                                  {"_mL_per_s", "mL/s"},
-                                                                  {"_L_per_min", "L/min"},
-                                                                  {"_percent", "%"},
-                                                                  {"_mmHg", "mmHg"},
-                                                                  {"_mL", "mL"},
-                                                                  {"_J", "J"},
-                                                                  {"_s", "s"}};
-  const auto store = [&](auto&& self, const std::string& path, const Json& value) -> void {
-    if (value.is_object()) {
-      for (const auto& [key, inner] : value.items()) self(self, path + "/" + key, inner);
-      return;
-    }
-    std::string unit = "1";
-    for (const auto& [ending, text] : units)
-      if (path.find(ending) != std::string::npos) {
-        unit = text;
-        break;
-      }
-    file.scalar(path, value.get<double>(), unit, "clinical index; definitions in the docs");
-  };
-  store(store, "/indexes", all);
+  const char* meaning = "clinical index; definitions in the docs";
+  for_each_index(b, [&](std::string name, const char* unit, double value) {
+    std::replace(name.begin(), name.end(), '.', '/');
+    file.scalar("/indexes/" + name, value, unit, meaning);
+  });
   for (const ReferenceRange& range : reference_ranges()) {
     const std::string group = fmt::format("/reference_ranges/{}", range.index);
     const std::string unit(range.unit);

@@ -1,0 +1,145 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <wiggers/circulation/loop_beat.hpp>
+#include <wiggers/core/errors.hpp>
+#include <wiggers/heart/indexes_of.hpp>
+#include <wiggers/heart/loop_study.hpp>
+
+namespace wiggers {
+
+namespace {
+
+constexpr std::string_view total_volume_name = "initial.total_volume";
+
+// The atria's stimulus, the phase mark of the indexes: that of the right one.
+template <class T>
+T atrial_stimulus_of(const LoopOf<T>& loop) {
+  return wrapped(loop.elastance[RA].tC, loop.period_s);
+}
+
+WIGGERS_WIDE void wide_step(const LoopOf<Tangent>& loop, const ValveStates& open, const Tangent& t,
+                            const Tangent& h, const Tangent* y, Tangent* end, Tangent* middle) {
+  runge_kutta_4(loop, open, t, h, y, end, middle);
+}
+struct WideStep {
+  template <class T>
+  static void step(const LoopOf<T>& loop, const ValveStates& open, const T& t, const T& h, const T* y, T* end,
+                   T* middle) {
+    if constexpr (std::is_same_v<T, Tangent>)
+      wide_step(loop, open, t, h, y, end, middle);
+    else
+      runge_kutta_4(loop, open, t, h, y, end, middle);
+  }
+};
+
+template <class T>
+BeatIndexesOf<T> indexes_of(const LoopOf<T>& loop, T* state, double dt_s) {
+  BeatTraceOf<T> trace;
+  trace.with_middles = true;
+  LoopBeat<T, WideStep>(loop, dt_s).template run<true>(state, [&](const T& t, const T* y, const ValveStates& open) {
+    T p[n_chambers];
+    loop_pressures(loop, t, y, p);
+    trace.append(t, y, p, flows_when(loop, open, p, y));
+  });
+  return compute_indexes_of(trace, atrial_stimulus_of(loop), valve_debounce_s);
+}
+
+// What must hold between parameters.
+void check_loop(const Loop& loop) {
+  for (int v = 0; v < n_valves; ++v) {
+    const ValveParameters& valve = loop.circulation.valves[v];
+    if (valve.Rmax < valve.Rmin)
+      throw InputError(fmt::format(
+          "valves.{}.Rmax = {} is below Rmin = {}: the closed valve would leak more than the open one passes",
+          valve_names[v], valve.Rmax, valve.Rmin));
+  }
+  for (int c = 0; c < n_chambers; ++c)
+    check_elastance(loop.elastance[c], loop.period_s, fmt::format("elastance.{}", chamber_names[c]).c_str());
+  check_range(circulation_state_quantities[p_VEN_SYS], loop.initial[p_VEN_SYS],
+              fmt::format("{} = {} mL", total_volume_name, total_volume(loop.circulation, loop.initial.data())));
+}
+
+using TangentBeat = LoopBeat<Tangent, WideStep>;
+
+LoopOf<Tangent> seeded_loop(const Loop& loop, const std::vector<Tangent>& parameters) {
+  LoopOf<Tangent> result = lifted<Tangent>(loop);
+  std::size_t k = 0;
+  for_each_loop_parameter(result, [&](const std::string&, const Quantity&, Tangent& field) { field = parameters[k++]; });
+  return result;
+}
+
+}  // namespace
+
+std::vector<NamedParameter> loop_parameters(const Loop& loop) {
+  std::vector<NamedParameter> list;
+  for_each_loop_parameter(loop, [&](const std::string& name, const Quantity& quantity, double value) {
+    list.push_back({name, quantity, value});
+  });
+  list.push_back({std::string(total_volume_name), total_volume_quantity,
+                  total_volume(loop.circulation, loop.initial.data())});
+  return list;
+}
+
+void set_loop_parameters(Loop& loop, std::span<const double> values) {
+  const std::vector<NamedParameter> list = loop_parameters(loop);
+  if (values.size() != list.size())
+    throw InputError(fmt::format("a loop has {} parameters, {} values were given", list.size(), values.size()));
+  for (std::size_t k = 0; k < list.size(); ++k) check_range(list[k].quantity, values[k], list[k].name);
+  Loop changed = loop;
+  std::size_t k = 0;
+  for_each_loop_parameter(changed, [&](const std::string&, const Quantity&, double& field) { field = values[k++]; });
+  hold_total_volume(changed.circulation, changed.initial.data(), values[k]);
+  check_loop(changed);
+  loop = changed;
+}
+
+void set_loop_parameter(Loop& loop, std::string_view name, double value) {
+  std::vector<std::string> names;
+  std::vector<double> values;
+  for (const NamedParameter& p : loop_parameters(loop)) {
+    names.push_back(p.name);
+    values.push_back(p.value);
+  }
+  const auto found = std::find(names.begin(), names.end(), name);
+  if (found == names.end()) refuse_unknown("parameter of the loop", name, names);
+  values[static_cast<std::size_t>(found - names.begin())] = value;
+  set_loop_parameters(loop, values);
+}
+
+BeatIndexes loop_indexes(const Loop& loop, const CirculationValues& start, double dt_s) {
+  CirculationValues state = start;
+  return indexes_of<double>(loop, state.data(), dt_s);
+}
+
+Sensitivities loop_sensitivities(const Loop& loop, const CirculationValues& on_cycle, double dt_s) {
+  Sensitivities table;
+  std::vector<double> parameters;
+  for (const NamedParameter& p : loop_parameters(loop)) {
+    table.parameters.push_back(p.name);
+    table.parameter_units.emplace_back(p.quantity.unit);
+    parameters.push_back(p.value);
+  }
+  const std::vector<double> x(on_cycle.begin(), on_cycle.end());
+  const Eigen::MatrixXd dx = fixed_point_derivatives(
+      x, parameters, [&](std::vector<Tangent> state, const std::vector<Tangent>& parameter) {
+        const LoopOf<Tangent> moving = seeded_loop(loop, parameter);
+        TangentBeat(moving, dt_s).run(state.data(), [](const Tangent&, const Tangent*, const ValveStates&) {});
+        hold_total_volume(moving.circulation, state.data(), parameter.back());
+        return state;
+      });
+  const int m = static_cast<int>(parameters.size());
+  for (int first = 0; first < m; first += tangent_lanes) {
+    TangentPass pass = tangent_pass(x, parameters, dx, first);
+    const auto indexes = indexes_of(seeded_loop(loop, pass.parameter), pass.state.data(), dt_s);
+    std::size_t index = 0;
+    for_each_index(indexes, [&](const std::string& name, const char* unit, const Tangent& value) {
+      store_output(table, first, index++, name, unit, value);
+    });
+  }
+  for (int i = 0; i < n_circulation_states; ++i)
+    for (int j = 0; j < m; ++j) table.state_derivatives.push_back(dx(i, j));
+  return table;
+}
+
+}  // namespace wiggers

@@ -1,0 +1,36 @@
+// The elastance loop as a function from parameters to indexes: its parameters as one list, its indexes on the
+// limit cycle, and their derivatives.
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+#include <wiggers/circulation/loop.hpp>
+#include <wiggers/core/sensitivity.hpp>
+#include <wiggers/heart/indexes.hpp>
+
+namespace wiggers {
+
+// One parameter as a list shows it: its fact sheet under its full name, and its value here.
+struct NamedParameter {
+  std::string name;
+  Quantity quantity;
+  double value = 0;
+};
+
+// All parameters by their names in a loop file; the last is initial.total_volume, which is held when others
+// change (p_VEN_SYS follows).
+std::vector<NamedParameter> loop_parameters(const Loop& loop);
+// The loop with one parameter changed; refuses unknown names and values out of range.
+void set_loop_parameter(Loop& loop, std::string_view name, double value);
+// Sets all of loop_parameters() at once; checks ranges and what must hold between parameters.
+void set_loop_parameters(Loop& loop, std::span<const double> values);
+
+// The indexes of one beat, from the rows of runge-kutta-4 steps of dt_s.
+BeatIndexes loop_indexes(const Loop& loop, const CirculationValues& start, double dt_s);
+
+// Derivatives of every index on the limit cycle by every parameter, with the integrator runge-kutta-4 at
+// steps of dt_s. `on_cycle`: its limit cycle, as close as to_limit_cycle() gets.
+Sensitivities loop_sensitivities(const Loop& loop, const CirculationValues& on_cycle, double dt_s);
+
+}  // namespace wiggers
