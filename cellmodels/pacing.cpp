@@ -5,6 +5,7 @@
 #include <set>
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/fixed_step.hpp>
 #include <wiggers/core/limit_cycle_solve.hpp>
 
 namespace wiggers {
@@ -135,7 +136,7 @@ void PacedCell::beat(std::vector<double>& state, double sample_ms, const Sampler
   const auto stepper = model_.stepper(integrator_.name, parameters_);
   double t = 0;
   for (double stop : stops) {
-    const auto n_steps = static_cast<long>(std::ceil((stop - t) / integrator_.dt_ms * (1 - 1e-12)));
+    const long n_steps = whole_steps(stop - t, integrator_.dt_ms);
     const double h = (stop - t) / static_cast<double>(n_steps);
     // Steps that differ only by rounding count as equal: multistep schemes keep their history.
     const double step = std::abs(h - integrator_.dt_ms) < 1e-9 * integrator_.dt_ms ? integrator_.dt_ms : h;
@@ -161,6 +162,18 @@ std::vector<double> PacedCell::scales(const std::vector<double>& start) const {
   return s;
 }
 
+BeatMap PacedCell::beat_map(const std::vector<double>& start) const {
+  BeatMap map;
+  map.scales = scales(start);
+  for (const Quantity& q : model_.states) map.positive.push_back(q.unit == "mM");
+  const double charge = model_.invariant(start.data(), parameters_.data());
+  map.admit = [this, charge](std::vector<double>& proposal) {
+    make_admissible(model_, proposal);
+    model_.hold_invariant(proposal.data(), parameters_.data(), charge);
+  };
+  return map;
+}
+
 LimitCycleCertificate PacedCell::to_limit_cycle(
     std::vector<double>& state, LimitCycleSettings settings,
     const std::function<void(const LimitCycleCertificate&)>& after_beat) {
@@ -172,9 +185,7 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
         model_.name, parameters_[require_index(model_.parameters, "parameter", "stimulus_K_fraction")]));
   if (is_adaptive(integrator_.name)) settings.map_noise = integrator_.relative_tolerance;
   const double charge = model_.invariant(state.data(), parameters_.data());
-  BeatMap map;
-  map.scales = scales(state);
-  for (const Quantity& q : model_.states) map.positive.push_back(q.unit == "mM");
+  BeatMap map = beat_map(state);
   map.beat = [&](const std::vector<double>& start) {
     std::vector<double> image = start;
     beat(image);
@@ -182,10 +193,6 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
     invariant_drift_ = model_.invariant(image.data(), parameters_.data()) - charge;
     model_.hold_invariant(image.data(), parameters_.data(), charge);
     return image;
-  };
-  map.admit = [&](std::vector<double>& proposal) {
-    make_admissible(model_, proposal);
-    model_.hold_invariant(proposal.data(), parameters_.data(), charge);
   };
   return find_limit_cycle(map, settings, state, after_beat);
 }

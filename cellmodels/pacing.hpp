@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 #include <wiggers/cellmodels/catalogue.hpp>
-#include <wiggers/core/limit_cycle.hpp>
+#include <wiggers/core/limit_cycle_solve.hpp>
 
 namespace wiggers {
 
@@ -46,6 +46,13 @@ class PacedCell {
       std::vector<double>& state, LimitCycleSettings settings,
       const std::function<void(const LimitCycleCertificate&)>& after_beat = {});
 
+  // The search's frame from a start: scales, positive components and what keeps proposals on the start's leaf;
+  // its beat is for the caller to fill in. Refers to this cell.
+  BeatMap beat_map(const std::vector<double>& start) const;
+
+  // Throws NumericalFailure naming a state that left its range, and t.
+  void check_range(double t, const double* state) const;
+
   // Work of an adaptive integrator so far.
   AdaptiveCounts counts() const { return adaptive_ ? adaptive_->counts() : AdaptiveCounts{}; }
 
@@ -62,8 +69,6 @@ class PacedCell {
   const std::vector<double>& parameters() const { return parameters_; }
 
  private:
-  void check_range(double t, const double* state) const;
-
   const CellModel& model_;
   std::vector<double> parameters_;
   PacingProtocol protocol_;

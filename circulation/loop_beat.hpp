@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <wiggers/circulation/loop.hpp>
-#include <wiggers/core/dual.hpp>
+#include <wiggers/core/fixed_step.hpp>
 
 namespace wiggers {
 
@@ -117,21 +117,11 @@ class LoopBeat {
     ValveStates open = states_at(t, y);
     on_step(t, y, open);
     for (const T& end : ends) {
-      bool restart = true;
-      long left = 0;
-      T h(0.0);
       int events = 0;
-      while (restart || left > 0) {
-        if (restart) {
-          const double span = value_of(end) - value_of(t);
-          // Steps of dt, up to a quarter longer so that spans of whole steps keep their number when they
-          // move a little.
-          left = std::max(1L, static_cast<long>(std::ceil(span / dt_ - 0.25)));
-          h = (end - t) / static_cast<double>(left);
-          restart = false;
-        }
+      for (bool reached = false; !reached;) {
+        T h = next_step(T(end - t), dt_);
+        reached = value_of(h) >= value_of(end) - value_of(t);
         T next[n_circulation_states], middle[n_circulation_states];
-        [[maybe_unused]] const T start = t;
         Step::step(loop_, open, t, h, y, next, with_middles ? middle : nullptr);
         T event(0.0);
         int valve = -1;
@@ -140,13 +130,12 @@ class LoopBeat {
         if (valve >= 0) {
           ++events;
           Step::step(loop_, open, t, event, y, next, with_middles ? middle : nullptr);
-          t = t + event;
-          restart = value_of(end) - value_of(t) > 1e-12;
-          left = 0;
-        } else {
-          --left;
-          t = left == 0 ? end : T(t + h);
+          reached = false;
+          h = event;
         }
+        [[maybe_unused]] const T start = t;
+        t = reached ? end : T(t + h);
+        if (value_of(end) - value_of(t) < 1e-12) reached = true;
         const ValveStates before = open;
         if constexpr (with_middles) {
           on_step(T(0.5 * (start + t)), middle, open);

@@ -8,11 +8,14 @@
 //                     (dual numbers): no step limit from fast concentrations; orders 1 and 2
 //   Bdf2Imex          the founding paper's step: gates implicitly (linear), the rest explicitly, BDF2
 //
+// The step h is plain, or dual where its length is to be differentiated (the first three).
+//
 // step(h, y, inputs, constants) advances y by h with the inputs held. Callers split steps at stimulus edges
 // and call restart() there (only Bdf2Imex has a memory). Schemes as in the docs page on integrators.
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <string_view>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/evaluation.hpp>
@@ -20,12 +23,25 @@
 
 namespace wiggers {
 
+// Number of equal steps, none longer than wanted, for a span.
+inline long whole_steps(double span, double wanted) {
+  return static_cast<long>(std::ceil(span / wanted * (1 - 1e-12)));
+}
+
+// The next step in a span of which `left` is left: the wanted length, and what remains as the last step. Only
+// the last one moves with the span's end, so that the image of the span is a smooth function of the end and
+// its derivative is not that of every step's error.
+template <class T>
+T next_step(const T& left, double wanted) {
+  return value_of(left) > wanted * (1 + 1e-9) ? T(wanted) : left;
+}
+
 template <class Model, class T>
 struct ForwardEuler {
   static constexpr std::string_view name = "forward-euler";
   void restart() {}
-  template <class Constants>
-  void step(double h, T* y, const T* inputs, const Constants& constants) {
+  template <class H, class Constants>
+  void step(const H& h, T* y, const T* inputs, const Constants& constants) {
     std::array<T, Model::states.size()> rates;
     rates_from<Model, T>(Model::template evaluate<T>(y, inputs, constants), y, rates.data());
     for (std::size_t i = 0; i < rates.size(); ++i) y[i] += h * rates[i];
@@ -33,8 +49,8 @@ struct ForwardEuler {
 };
 
 // One Rush-Larsen update of `y` over h with the rates in `e` (shared by both orders).
-template <class Model, class T>
-inline void rush_larsen_update(double h, const EvaluationOf<Model, T>& e, const T* from, T* y) {
+template <class Model, class T, class H>
+inline void rush_larsen_update(const H& h, const EvaluationOf<Model, T>& e, const T* from, T* y) {
   for (std::size_t i = 0; i < Model::states.size(); ++i)
     y[i] = Model::is_gate[i] ? T(e.steady[i] + (from[i] - e.steady[i]) * exp(T(-h / e.tau[i])))
                              : T(from[i] + h * e.derivative[i]);
@@ -44,8 +60,8 @@ template <class Model, class T>
 struct RushLarsen1 {
   static constexpr std::string_view name = "rush-larsen";
   void restart() {}
-  template <class Constants>
-  void step(double h, T* y, const T* inputs, const Constants& constants) {
+  template <class H, class Constants>
+  void step(const H& h, T* y, const T* inputs, const Constants& constants) {
     rush_larsen_update<Model, T>(h, Model::template evaluate<T>(y, inputs, constants), y, y);
   }
 };
@@ -54,10 +70,10 @@ template <class Model, class T>
 struct RushLarsen2 {
   static constexpr std::string_view name = "rush-larsen-2";
   void restart() {}
-  template <class Constants>
-  void step(double h, T* y, const T* inputs, const Constants& constants) {
+  template <class H, class Constants>
+  void step(const H& h, T* y, const T* inputs, const Constants& constants) {
     std::array<T, Model::states.size()> middle;
-    rush_larsen_update<Model, T>(0.5 * h, Model::template evaluate<T>(y, inputs, constants), y,
+    rush_larsen_update<Model, T>(H(0.5 * h), Model::template evaluate<T>(y, inputs, constants), y,
                                  middle.data());
     rush_larsen_update<Model, T>(h, Model::template evaluate<T>(middle.data(), inputs, constants), y, y);
   }

@@ -7,6 +7,7 @@
 #include <array>
 #include <cstddef>
 #include <limits>
+#include <string>
 #include <string_view>
 
 namespace wiggers {
@@ -20,6 +21,13 @@ struct Quantity {
   double lower = -unbounded;  // admissible range, ends included
   double upper = unbounded;
   std::string_view meaning;
+};
+
+// A parameter as a list shows it: its fact sheet, its full name (with the table it stands in) and its value.
+struct NamedParameter {
+  std::string name;
+  Quantity quantity;
+  double value = 0;
 };
 
 // True if every entry has a name (unique), a unit, a meaning and a default inside its range.

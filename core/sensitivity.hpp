@@ -7,6 +7,7 @@
 // Any output of a beat follows from one more beat whose start moves by dx/dtheta.
 #pragma once
 
+#include <cmath>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -30,16 +31,56 @@ struct Sensitivities {
   std::vector<double> values;                            // of the outputs
   std::vector<double> derivatives;                       // [output][parameter]
   std::vector<double> state_derivatives;                 // [state at the beat's start][parameter]
+
+  // Takes one parameter's column out.
+  void leave_out(std::size_t parameter) {
+    const std::size_t m = parameters.size();
+    if (parameter >= m) return;
+    const auto shorten = [&](std::vector<double>& rows) {
+      std::vector<double> kept;
+      for (std::size_t k = 0; k < rows.size(); ++k)
+        if (k % m != parameter) kept.push_back(rows[k]);
+      rows = std::move(kept);
+    };
+    shorten(derivatives);
+    shorten(state_derivatives);
+    parameters.erase(parameters.begin() + static_cast<long>(parameter));
+    parameter_units.erase(parameter_units.begin() + static_cast<long>(parameter));
+  }
 };
 
 // Directions that one pass carries.
 inline constexpr int tangent_lanes = 16;
 using Tangent = Dual<tangent_lanes>;
 
+// How a fixed point moves, and how to come closer to it.
+struct FixedPointDerivatives {
+  Eigen::MatrixXd moves;                        // dx/dtheta: [state][parameter]
+  Eigen::PartialPivLU<Eigen::MatrixXd> newton;  // of I - dP/dx
+};
+
+// Newton with the derivatives at hand, until rounding stops it: x + (I - dP/dx)^-1 (P(x) - x).
+template <class Beat>
+std::vector<double> refined_fixed_point(std::vector<double> x, const FixedPointDerivatives& derivatives, Beat beat) {
+  using Map = Eigen::Map<Eigen::VectorXd>;
+  const auto n = static_cast<Eigen::Index>(x.size());
+  double last = 0;
+  for (int iteration = 0; iteration < 30; ++iteration) {
+    std::vector<double> image = beat(x);
+    const Eigen::VectorXd step = derivatives.newton.solve(Map(image.data(), n) - Map(x.data(), n));
+    const double size = (step.array() / (Map(x.data(), n).array().abs() + 1e-3)).abs().maxCoeff();
+    if (!std::isfinite(size) || (iteration > 0 && size >= last)) break;
+    Map(x.data(), n) += step;
+    last = size;
+    if (size < 1e-15) break;
+  }
+  return x;
+}
+
 // Derivatives of the beat map's fixed point; beat(states, parameters) gives the image, by dual numbers.
 // Passes: (n_states + n_parameters) / tangent_lanes beats.
 template <class Beat>
-Eigen::MatrixXd fixed_point_derivatives(const std::vector<double>& x, const std::vector<double>& parameters,
+FixedPointDerivatives fixed_point_derivatives(const std::vector<double>& x, const std::vector<double>& parameters,
                                         Beat beat) {
   const int n = static_cast<int>(x.size()), m = static_cast<int>(parameters.size());
   Eigen::MatrixXd by_all(n, n + m);
@@ -57,9 +98,10 @@ Eigen::MatrixXd fixed_point_derivatives(const std::vector<double>& x, const std:
       for (int k = 0; k < tangent_lanes && first + k < n + m; ++k) by_all(i, first + k) = image[i].derivative[k];
   }
   const Eigen::MatrixXd system = Eigen::MatrixXd::Identity(n, n) - by_all.leftCols(n);
-  const Eigen::PartialPivLU<Eigen::MatrixXd> lu(system);
-  const Eigen::MatrixXd result = lu.solve(by_all.rightCols(m));
-  if (!result.allFinite())
+  FixedPointDerivatives result;
+  result.newton.compute(system);
+  result.moves = result.newton.solve(by_all.rightCols(m));
+  if (!result.moves.allFinite())
     throw NumericalFailure(
         "the limit cycle has no derivatives here: a multiplier of its beat map is one, so the smallest change "
         "of a parameter may move it anywhere");

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <wiggers/circulation/elastance.hpp>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/fixed_step.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/cell_source.hpp>
 
@@ -18,12 +19,9 @@ IonicCellSource::IonicCellSource(const CellModel& model, std::vector<double> par
       pacing_(std::move(pacing)),
       rescaling_(rescaling),
       stepper_(model.stepper(pacing_.integrator, parameters_)) {
-  const auto steps = [this](double span) {
-    return static_cast<long>(std::ceil(span / pacing_.substep_ms * (1 - 1e-12)));
-  };
   const double on = pacing_.stimulus.duration_ms, off = pacing_.period_ms - on;
-  n_on_ = steps(on);
-  n_off_ = steps(off);
+  n_on_ = whole_steps(on, pacing_.substep_ms);
+  n_off_ = whole_steps(off, pacing_.substep_ms);
   h_on_ = n_on_ > 0 ? on / static_cast<double>(n_on_) : 0;
   h_off_ = off / static_cast<double>(n_off_);
   charge_ = model_.invariant(state_.data(), parameters_.data());

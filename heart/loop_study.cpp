@@ -69,6 +69,17 @@ LoopOf<Tangent> seeded_loop(const Loop& loop, const std::vector<Tangent>& parame
   return result;
 }
 
+FixedPointDerivatives cycle_derivatives(const Loop& loop, const std::vector<double>& x,
+                                        const std::vector<double>& parameters, double dt_s) {
+  return fixed_point_derivatives(
+      x, parameters, [&](std::vector<Tangent> state, const std::vector<Tangent>& parameter) {
+        const LoopOf<Tangent> moving = seeded_loop(loop, parameter);
+        TangentBeat(moving, dt_s).run(state.data(), [](const Tangent&, const Tangent*, const ValveStates&) {});
+        hold_total_volume(moving.circulation, state.data(), parameter.back());
+        return state;
+      });
+}
+
 }  // namespace
 
 std::vector<NamedParameter> loop_parameters(const Loop& loop) {
@@ -120,14 +131,8 @@ Sensitivities loop_sensitivities(const Loop& loop, const CirculationValues& on_c
     table.parameter_units.emplace_back(p.quantity.unit);
     parameters.push_back(p.value);
   }
-  const std::vector<double> x(on_cycle.begin(), on_cycle.end());
-  const Eigen::MatrixXd dx = fixed_point_derivatives(
-      x, parameters, [&](std::vector<Tangent> state, const std::vector<Tangent>& parameter) {
-        const LoopOf<Tangent> moving = seeded_loop(loop, parameter);
-        TangentBeat(moving, dt_s).run(state.data(), [](const Tangent&, const Tangent*, const ValveStates&) {});
-        hold_total_volume(moving.circulation, state.data(), parameter.back());
-        return state;
-      });
+  std::vector<double> x(on_cycle.begin(), on_cycle.end());
+  const Eigen::MatrixXd dx = cycle_derivatives(loop, x, parameters, dt_s).moves;
   const int m = static_cast<int>(parameters.size());
   for (int first = 0; first < m; first += tangent_lanes) {
     TangentPass pass = tangent_pass(x, parameters, dx, first);

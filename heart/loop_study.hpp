@@ -11,13 +11,6 @@
 
 namespace wiggers {
 
-// One parameter as a list shows it: its fact sheet under its full name, and its value here.
-struct NamedParameter {
-  std::string name;
-  Quantity quantity;
-  double value = 0;
-};
-
 // All parameters by their names in a loop file; the last is initial.total_volume, which is held when others
 // change (p_VEN_SYS follows).
 std::vector<NamedParameter> loop_parameters(const Loop& loop);

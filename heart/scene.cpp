@@ -14,8 +14,6 @@ namespace {
 namespace keys {
 constexpr Quantity body_surface_area{
     "body_surface_area_m2", "m^2", 1.9, 0.1, 4, "divides volumes into indexed ones"};
-constexpr Quantity stimulus{"stimulus_A_per_F", "A/F", -25.71, -1000, 0, "stimulus of the cells"};
-constexpr Quantity stimulus_duration{"stimulus_ms", "ms", 3, 0.1, 20, "duration of the stimulus"};
 constexpr Quantity calcium_factor{
     "calcium_factor", "1", 1, 0, 10, "rescaling of calcium at the force model's door"};
 constexpr Quantity calcium_rest{
@@ -110,8 +108,8 @@ CellType read_cells(SettingsReader& table, const std::string& name) {
         cell.ionic->parameter_values(table.choice("ionic_parameters", "default", sets, "parameter set"));
     if (table.has("ionic_changes"))
       read_parameters(table.table("ionic_changes"), *cell.ionic, cell.ionic_parameters);
-    cell.stimulus.amplitude_A_per_F = table.number(keys::stimulus);
-    cell.stimulus.duration_ms = table.number(keys::stimulus_duration);
+    cell.stimulus.amplitude_A_per_F = table.number(stimulus_amplitude_quantity);
+    cell.stimulus.duration_ms = table.number(stimulus_duration_quantity);
     const std::vector<std::string> starts = {"limit-cycle", "published"};
     cell.from_limit_cycle =
         table.choice("start", "limit-cycle", starts, "start of the cells") == "limit-cycle";
