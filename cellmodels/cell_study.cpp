@@ -286,6 +286,19 @@ Sensitivities cell_sensitivities(const CellStudy& study, const std::vector<doubl
   return table;
 }
 
+PacedRows paced_rows(const CellStudy& study, const std::vector<double>& start) {
+  PacedRows rows;
+  std::vector<double> state = start;
+  with_model(study, [&]<class Model>() {
+    beat_at<Model, double>(study, values_of(study)).run(state.data(), [&](double t, const double* y) {
+      rows.t_ms.push_back(t);
+      rows.calcium_mM.push_back(y[Model::cytosolic_calcium]);
+      rows.potential_mV.push_back(y[Model::membrane_potential]);
+    });
+  });
+  return rows;
+}
+
 PacedTangents::PacedTangents(const CellStudy& study, std::vector<double> on_cycle)
     : study_(study), state_(std::move(on_cycle)), moves_(cycle_derivatives(study, state_, values_of(study), {}, 1).moves) {}
 

@@ -54,6 +54,12 @@ std::vector<NamedValue> cell_indexes(const CellStudy& study, const std::vector<d
 Sensitivities cell_sensitivities(const CellStudy& study, const std::vector<double>& on_cycle,
                                  const std::function<void(double)>& after_pass = {});
 
+// Rows of the beat from a state.
+struct PacedRows {
+  std::vector<double> t_ms, calcium_mM, potential_mV;
+};
+PacedRows paced_rows(const CellStudy& study, const std::vector<double>& start);
+
 // Calcium (mM) and potential (mV) of the beat on the cycle, with derivatives by the directions
 // [first, first + tangent_lanes) of the study's parameters (the list above, nothing left out).
 struct PacedTrace {

@@ -284,8 +284,8 @@ struct Rdq20 {
   // v = -(dSL/dt)/SL0. With r = r0 + alpha |v| and A = -r I + B, B = [[-k_PN, k_NP], [k_PN, -k_NP]],
   // B^2 = -k B, k = k_PN + k_NP:
   //   exp(A t) = e^{-rt} (I + B (1 - e^{-kt})/k),   A^{-1} = -(I + B/(r + k))/r.
-  template <class N, class Pn>
-  static void step_crossbridges(double dt, N* y, const Regulation<N>& ru, const N& v,
+  template <class H, class N, class Pn>
+  static void step_crossbridges(const H& dt, N* y, const Regulation<N>& ru, const N& v,
                                 const Constants<Pn>& c) {
     const auto& p = c.p;
     const N r = p[r0] + p[alpha] * abs(v);

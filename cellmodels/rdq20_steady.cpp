@@ -59,4 +59,36 @@ std::vector<double> rdq20_steady_state(const std::vector<double>& parameters, do
   return y;
 }
 
+std::vector<Tangent> rdq20_steady_state(const std::vector<Tangent>& parameters, const Tangent& calcium_uM,
+                                        const Tangent& sarcomere_length_um) {
+  std::vector<double> p;
+  for (const Tangent& parameter : parameters) p.push_back(parameter.value);
+  const std::vector<double> y = rdq20_steady_state(p, calcium_uM.value, sarcomere_length_um.value);
+  const CellModel& model = find_model(Rdq20::name);
+  const auto n = static_cast<Eigen::Index>(y.size());
+  // Rates with derivatives by the directions at a state that is held, and by the state.
+  const std::vector<Tangent> held(y.begin(), y.end());
+  const Tangent inputs[3] = {calcium_uM, sarcomere_length_um, 0.0};
+  std::vector<Tangent> rates(y.size());
+  rates_from<Rdq20, Tangent>(
+      Rdq20::evaluate<Tangent>(held.data(), inputs, Rdq20::constants(parameters.data())), held.data(), rates.data());
+  const double plain[3] = {calcium_uM.value, sarcomere_length_um.value, 0.0};
+  Eigen::MatrixXd system(n + 1, n), right(n + 1, tangent_lanes);
+  Eigen::MatrixXd jacobian(n, n);
+  model.jacobian(y.data(), plain, p.data(), jacobian.data());
+  system.topRows(n) = jacobian;
+  // Probabilities keep their sum; of what else is free the smallest change, which keeps the symmetry.
+  system.row(n).setZero();
+  system.row(n).head(Rdq20::n_probabilities).setOnes();
+  system.row(n) *= jacobian.cwiseAbs().maxCoeff();
+  right.setZero();
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (int k = 0; k < tangent_lanes; ++k) right(i, k) = -rates[static_cast<std::size_t>(i)].derivative[k];
+  const Eigen::MatrixXd moves = system.completeOrthogonalDecomposition().solve(right);
+  std::vector<Tangent> result(y.begin(), y.end());
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (int k = 0; k < tangent_lanes; ++k) result[static_cast<std::size_t>(i)].derivative[k] = moves(i, k);
+  return result;
+}
+
 }  // namespace wiggers

@@ -8,21 +8,23 @@
 #include <cmath>
 #include <vector>
 #include <wiggers/cellmodels/rdq20.hpp>
+#include <wiggers/core/sensitivity.hpp>
 
 namespace wiggers {
 
-class Rdq20Stepper {
+template <class T>
+class Rdq20StepperOf {
  public:
-  using Constants = Rdq20::Constants<double>;
-  explicit Rdq20Stepper(const std::vector<double>& parameters)
+  using Constants = Rdq20::Constants<T>;
+  explicit Rdq20StepperOf(const std::vector<T>& parameters)
       : constants_(Rdq20::constants(parameters.data())) {}
 
   const Constants& constants() const { return constants_; }
 
   // Advances the probabilities y[0..15] over dt (s) in n_substeps; returns the rates the crossbridges need.
-  Rdq20::Regulation<double> step_regulation(double* y, double calcium_uM, double sarcomere_length_um,
-                                            double dt, int n_substeps) const {
-    const double h = dt / n_substeps;
+  Rdq20::Regulation<T> step_regulation(T* y, const T& calcium_uM, const T& sarcomere_length_um,
+                                            const T& dt, int n_substeps) const {
+    const T h = dt / static_cast<double>(n_substeps);
     for (int k = 0; k < n_substeps; ++k) {
       const auto ru = Rdq20::regulation(y, calcium_uM, sarcomere_length_um, constants_);
       for (int i = 0; i < Rdq20::n_probabilities; ++i) y[i] += h * ru.derivative[i];
@@ -31,30 +33,35 @@ class Rdq20Stepper {
   }
 
   // Advances the moments y[16..19] exactly over dt (s) for frozen rates, shortening velocity -(dSL/dt)/SL0.
-  void step_crossbridges(double* y, const Rdq20::Regulation<double>& ru, double shortening_velocity,
-                         double dt) const {
+  void step_crossbridges(T* y, const Rdq20::Regulation<T>& ru, const T& shortening_velocity,
+                         const T& dt) const {
     Rdq20::step_crossbridges(dt, y, ru, shortening_velocity, constants_);
   }
 
   // Active tension and stiffness (kPa) of a state at a sarcomere length.
-  double tension_kPa(const double* y, double sarcomere_length_um) const {
+  T tension_kPa(const T* y, const T& sarcomere_length_um) const {
     return scale(sarcomere_length_um) * (y[Rdq20::mu1_P] + y[Rdq20::mu1_N]);
   }
-  double stiffness_kPa(const double* y, double sarcomere_length_um) const {
+  T stiffness_kPa(const T* y, const T& sarcomere_length_um) const {
     return scale(sarcomere_length_um) * (y[Rdq20::mu0_P] + y[Rdq20::mu0_N]);
   }
-  double scale(double sarcomere_length_um) const {
+  T scale(const T& sarcomere_length_um) const {
     return constants_.p[Rdq20::a_XB] * Rdq20::overlap(sarcomere_length_um, constants_.p);
   }
 
  private:
   Constants constants_;
 };
+using Rdq20Stepper = Rdq20StepperOf<double>;
 
 // Steady state at constant calcium and length without sliding, by long integration in time (Newton on these
 // equations can find spurious roots with negative probabilities). The residual is checked.
 std::vector<double> rdq20_steady_state(const std::vector<double>& parameters, double calcium_uM,
                                        double sarcomere_length_um);
+
+// The same with derivatives: of the equations' steady state, by the implicit function theorem.
+std::vector<Tangent> rdq20_steady_state(const std::vector<Tangent>& parameters, const Tangent& calcium_uM,
+                                        const Tangent& sarcomere_length_um);
 
 // Refuses a sarcomere length at which the dissociation constant is not positive.
 void check_sarcomere_length(const std::vector<double>& parameters, double sarcomere_length_um);

@@ -111,6 +111,7 @@ struct Dual {
     const double power = std::pow(x.value, exponent);
     return x.chain(power, exponent * power / x.value);
   }
+  friend Dual pow(const Dual& x, const Dual& exponent) { return exp(log(x) * exponent); }
   friend Dual floor(const Dual& x) { return Dual(std::floor(x.value)); }
   friend double value_of(const Dual& x) { return x.value; }
 };

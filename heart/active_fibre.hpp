@@ -35,55 +35,65 @@ inline constexpr std::array<std::string_view, 2> regulation_scheme_names = {"fro
 struct ActiveFibreSettings {
   bool active = true;                 // false: no active stress at all
   bool subtract_rest_tension = true;  // T_eff = max(0, T - steady tension at rest_calcium)
-  double rest_calcium_uM = 0.1;
   RegulationScheme regulation = RegulationScheme::forward_euler;
   int regulatory_substeps = 40;  // forward_euler
   RateScheme rate = RateScheme::lagged;
   bool stabilise = true;
 };
 
-class ActiveFibre {
- public:
-  // `place` names the piece of wall in messages.
-  ActiveFibre(ActiveFibreSettings settings, const std::vector<double>& force_parameters,
-              std::unique_ptr<CellSource> cell, std::string place);
+// Tension in a step as a function of the stretch at its end.
+template <class T>
+struct FibreLaw {
+  bool active = false;
+  T tension_kPa = 0, stiffness_kPa = 0;  // rest tension removed
+  T stretch = 1;                         // at the start of the step
 
-  void start(double stretch);
-  void begin_step(double t, double dt);
   // Nominal tension (kPa) at a trial stretch of this step.
-  template <class T>
-  T tension_kPa(const T& stretch) const {
-    return tension_ + stiffness_ * (stretch - stretch_);
+  template <class U>
+  U operator()(const U& trial) const {
+    return tension_kPa + stiffness_kPa * (trial - stretch);
   }
-  void accept_step(double stretch);
+};
+
+// Numbers are plain, or dual to carry sensitivities.
+template <class T>
+class ActiveFibreOf {
+ public:
+  // `rest_calcium_uM`: whose steady tension is removed; `place` names the piece of wall in messages.
+  ActiveFibreOf(ActiveFibreSettings settings, const std::vector<T>& force_parameters, const T& rest_calcium_uM,
+                std::unique_ptr<CellSourceOf<T>> cell, std::string place);
+
+  void start(const T& stretch);
+  void begin_step(const T& t, const T& dt);
+  FibreLaw<T> law() const { return {settings_.active, tension_, stiffness_, stretch_}; }
+  void accept_step(const T& stretch);
   // Another stretch between two beats; the rate is kept.
-  void move_to(double stretch);
+  void move_to(const T& stretch);
 
-  bool is_active() const { return settings_.active; }
-  double stretch() const { return stretch_; }  // at the start of the step
-  double mu1_rest() const { return mu1_rest_; }
+  T stretch() const { return stretch_; }  // at the start of the step
 
-  void save(std::vector<double>& out) const;
-  void restore(std::span<const double>& in);
+  void save(std::vector<T>& out) const;
+  void restore(std::span<const T>& in);
   std::vector<WallOutput> outputs() const;
   void output_values(double* values) const;
 
  private:
   ActiveFibreSettings settings_;
-  Rdq20Stepper force_;
-  std::unique_ptr<CellSource> cell_;
+  Rdq20StepperOf<T> force_;
+  std::unique_ptr<CellSourceOf<T>> cell_;
   std::string place_;
-  double mu1_rest_ = 0;
+  T mu1_rest_ = 0;
 
   // State.
-  std::array<double, 20> bridges_{};
-  double stretch_ = 1, stretch_before_ = 1;  // at the start of the step, and one step earlier
-  double calcium_before_ = -1;               // at the start of the step; negative: not known yet
+  std::array<T, 20> bridges_{};
+  T stretch_ = 1, stretch_before_ = 1;  // at the start of the step, and one step earlier
+  T calcium_before_ = -1;               // at the start of the step; negative: not known yet
   // Of the current step.
-  double tension_ = 0, stiffness_ = 0;  // kPa, rest tension removed
-  double dt_ = 1;
-  Rdq20::Regulation<double> regulation_{};  // implicit rate: to repeat the bridge step
-  std::array<double, 4> moments_before_{};
+  T tension_ = 0, stiffness_ = 0;  // kPa, rest tension removed
+  T dt_ = 1;
+  Rdq20::Regulation<T> regulation_{};  // implicit rate: to repeat the bridge step
+  std::array<T, 4> moments_before_{};
 };
+using ActiveFibre = ActiveFibreOf<double>;
 
 }  // namespace wiggers

@@ -36,7 +36,7 @@ double IonicCellSource::grid_time(long step) const {
   return pacing_.stimulus.duration_ms + static_cast<double>(step - n_on_) * h_off_;
 }
 
-void IonicCellSource::advance(double t, double dt) {
+void IonicCellSource::advance(const double& t, const double& dt) {
   // A multistep scheme starts afresh with each beat: a resumed run then repeats an undisturbed one bit for
   // bit.
   if (t == 0) stepper_->restart();
@@ -99,21 +99,6 @@ void IonicCellSource::restore(std::span<const double>& in) {
   potential_mV_ = take_saved(in);
   for (double& value : state_) value = take_saved(in);
   stepper_->restart();
-}
-
-PrescribedCalcium::PrescribedCalcium(Shape shape, double period_ms, double activation_ms)
-    : shape_(shape), period_ms_(period_ms), activation_ms_(activation_ms), calcium_(shape.rest_uM) {}
-
-double PrescribedCalcium::at(double s) const {
-  const double q = shape_.rise_ms / shape_.decay_ms;
-  // Maximum of exp(-s/decay) - exp(-s/rise).
-  const double peak = std::pow(q, q / (1 - q)) - std::pow(q, 1 / (1 - q));
-  return shape_.rest_uM + (shape_.peak_uM - shape_.rest_uM) / peak *
-                              (std::exp(-s / shape_.decay_ms) - std::exp(-s / shape_.rise_ms));
-}
-
-void PrescribedCalcium::advance(double t, double dt) {
-  calcium_ = at(wrapped((t + dt) * units::ms_per_s - activation_ms_, period_ms_));
 }
 
 }  // namespace wiggers

@@ -7,6 +7,7 @@
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/sensitivity.hpp>
 #include <wiggers/heart/driver.hpp>
 
 namespace wiggers {
@@ -21,30 +22,44 @@ constexpr double pressure_tolerance_mmHg = 1e-9;
 constexpr double volume_tolerance_mL = 1e-9;
 }  // namespace
 
-HeartDriver::HeartDriver(DriverSettings settings, CirculationParameters circulation,
-                         std::vector<std::unique_ptr<Wall>> walls)
+template <class T>
+HeartDriverOf<T>::HeartDriverOf(DriverSettingsOf<T> settings, CirculationParametersOf<T> circulation,
+                                std::vector<std::unique_ptr<WallOf<T>>> walls)
     : settings_(settings), circulation_(circulation), walls_(std::move(walls)) {
-  n_steps_ = std::lround(settings_.period_s / settings_.dt_s);
+  n_steps_ = std::lround(value_of(settings_.period_s) / value_of(settings_.dt_s));
+  plain_.valve_law = circulation_.valve_law;
+  std::vector<double> values;
+  for_each_circulation_parameter(circulation_, [&](const std::string&, const Quantity&, const T& field) {
+    values.push_back(value_of(field));
+  });
+  std::size_t k = 0;
+  for_each_circulation_parameter(plain_, [&](const std::string&, const Quantity&, double& field) {
+    field = values[k++];
+  });
+  const PericardiumOf<T>& bag = settings_.pericardium;
+  plain_bag_ = {value_of(bag.pressure_mmHg), value_of(bag.reference_volume_mL), value_of(bag.exponent)};
 }
 
-void HeartDriver::start(const CirculationValues& initial) {
+template <class T>
+void HeartDriverOf<T>::start(const Values& initial) {
   y_ = initial;
   for (const auto& wall : walls_) {
-    double V[n_chambers], p[n_chambers];
+    T V[n_chambers], p[n_chambers];
     const auto cavities = wall->cavities();
     for (std::size_t k = 0; k < cavities.size(); ++k) V[k] = y_[cavities[k]];
-    wall->start(0, V, p);
+    wall->start(T(0.0), V, p);
     for (std::size_t k = 0; k < cavities.size(); ++k) p_[cavities[k]] = p[k];
   }
-  const double bag = settings_.pericardium.pressure(y_[V_LA] + y_[V_LV] + y_[V_RA] + y_[V_RV]);
-  for (double& pressure : p_) pressure += bag;
-  Q_ = valve_flows<double>(circulation_, p_.data(), y_[p_AR_SYS], y_[p_AR_PUL]);
+  const T bag = settings_.pericardium.pressure(T(y_[V_LA] + y_[V_LV] + y_[V_RA] + y_[V_RV]));
+  for (T& pressure : p_) pressure += bag;
+  Q_ = valve_flows<T>(circulation_, p_.data(), y_[p_AR_SYS], y_[p_AR_PUL]);
 }
 
-void HeartDriver::move_to(const CirculationValues& values) {
+template <class T>
+void HeartDriverOf<T>::move_to(const Values& values) {
   y_ = values;
   for (const auto& wall : walls_) {
-    double V[n_chambers];
+    T V[n_chambers];
     const auto cavities = wall->cavities();
     for (std::size_t k = 0; k < cavities.size(); ++k) V[k] = y_[cavities[k]];
     wall->move_to(V);
@@ -52,52 +67,67 @@ void HeartDriver::move_to(const CirculationValues& values) {
 }
 
 // Volumes at the end of the step that the circulation wants, and their derivatives by the pressures.
-void HeartDriver::wanted_volumes(const double* p, double* volumes, double* slopes) const {
+template <class T>
+void HeartDriverOf<T>::wanted_volumes(const T* p, T* volumes, double* slopes) const {
   if (!settings_.stabilise_volumes) {
     for (int c = 0; c < n_chambers; ++c) volumes[c] = y_[c];
     std::fill(slopes, slopes + n_chambers * n_chambers, 0.0);
     return;
   }
   Jet pressure[n_chambers];
-  for (int c = 0; c < n_chambers; ++c) pressure[c] = Jet::variable(p[c], c);
-  const auto Q = valve_flows<Jet>(circulation_, pressure, Jet(y_[p_AR_SYS]), Jet(y_[p_AR_PUL]));
-  const Jet net[n_chambers] = {y_[Q_VEN_PUL] - Q[MV], Q[MV] - Q[AV], y_[Q_VEN_SYS] - Q[TV], Q[TV] - Q[PV]};
-  for (int c = 0; c < n_chambers; ++c) {
-    volumes[c] = y_[c] + settings_.dt_s * net[c].value;
-    for (int k = 0; k < n_chambers; ++k) slopes[n_chambers * c + k] = settings_.dt_s * net[c].derivative[k];
+  for (int c = 0; c < n_chambers; ++c) pressure[c] = Jet::variable(value_of(p[c]), c);
+  const auto Q = valve_flows<Jet>(plain_, pressure, Jet(value_of(y_[p_AR_SYS])), Jet(value_of(y_[p_AR_PUL])));
+  const Jet net[n_chambers] = {value_of(y_[Q_VEN_PUL]) - Q[MV], Q[MV] - Q[AV], value_of(y_[Q_VEN_SYS]) - Q[TV],
+                               Q[TV] - Q[PV]};
+  const double dt = value_of(settings_.dt_s);
+  for (int c = 0; c < n_chambers; ++c)
+    for (int k = 0; k < n_chambers; ++k) slopes[n_chambers * c + k] = dt * net[c].derivative[k];
+  if constexpr (std::is_same_v<T, double>) {
+    for (int c = 0; c < n_chambers; ++c) volumes[c] = y_[c] + dt * net[c].value;
+  } else {
+    const auto flow = valve_flows<T>(circulation_, p, y_[p_AR_SYS], y_[p_AR_PUL]);
+    volumes[LA] = y_[LA] + settings_.dt_s * (y_[Q_VEN_PUL] - flow[MV]);
+    volumes[LV] = y_[LV] + settings_.dt_s * (flow[MV] - flow[AV]);
+    volumes[RA] = y_[RA] + settings_.dt_s * (y_[Q_VEN_SYS] - flow[TV]);
+    volumes[RV] = y_[RV] + settings_.dt_s * (flow[TV] - flow[PV]);
   }
 }
 
-void HeartDriver::step(double t, BeatAudit& audit) {
-  const double dt = settings_.dt_s;
+template <class T>
+void HeartDriverOf<T>::step(const T& t, BeatAudit& audit) {
+  const T dt = settings_.dt_s;
   for (const auto& wall : walls_) wall->begin_step(t, dt);
 
-  std::array<double, n_chambers> p = p_;
-  std::array<double, n_chambers> volume{}, wanted{};
+  std::array<T, n_chambers> p = p_;
+  std::array<T, n_chambers> volume{}, wanted{};
   bool converged = false;
   int iteration = 0;
   double error = 0;
   int worst = 0;
   Vector wall_volume = Vector::Zero();
-  while (!converged && iteration < largest_newton_iterations) {
+  // Derivatives follow one iteration behind the values: they are complete after one more.
+  bool last = false;
+  while (!last && iteration < largest_newton_iterations) {
+    if (converged) last = true;
     ++iteration;
     Matrix slopes;
     wanted_volumes(p.data(), wanted.data(), slopes.data());
     // Walls carry the pressure across them: the cavity's less that of the bag, which follows the wanted
     // volumes.
     Vector across_slope = Vector::Zero();
-    double bag = 0;
+    T bag = 0.0;
     if (settings_.pericardium.present()) {
-      const auto jet = settings_.pericardium.pressure(
-          Dual<1>::variable(wanted[LA] + wanted[LV] + wanted[RA] + wanted[RV], 0));
-      bag = jet.value;
-      across_slope = jet.derivative[0] * slopes.colwise().sum().transpose();
+      const T sum = wanted[LA] + wanted[LV] + wanted[RA] + wanted[RV];
+      bag = settings_.pericardium.pressure(sum);
+      across_slope = plain_bag_.pressure(Dual<1>::variable(value_of(sum), 0)).derivative[0] *
+                     slopes.colwise().sum().transpose();
     }
     Matrix system = Matrix::Zero();
     for (const auto& wall : walls_) {
       const auto cavities = wall->cavities();
       const std::size_t n = cavities.size();
-      double pressures[n_chambers], V[n_chambers], C[n_chambers * n_chambers];
+      T pressures[n_chambers], V[n_chambers];
+      double C[n_chambers * n_chambers];
       for (std::size_t k = 0; k < n; ++k) pressures[k] = p[cavities[k]] - bag;
       wall->linearise(pressures, V, C);
       for (std::size_t k = 0; k < n; ++k) {
@@ -105,29 +135,53 @@ void HeartDriver::step(double t, BeatAudit& audit) {
         for (std::size_t j = 0; j < n; ++j) system(cavities[k], cavities[j]) = C[n * k + j];
       }
     }
-    Vector mismatch;
-    for (int c = 0; c < n_chambers; ++c) mismatch(c) = wanted[c] - volume[c];
+    std::array<T, n_chambers> mismatch;
+    for (int c = 0; c < n_chambers; ++c) mismatch[c] = wanted[c] - volume[c];
     const Matrix across = Matrix::Identity() - Vector::Ones() * across_slope.transpose();
-    Vector dp = (system * across - slopes).partialPivLu().solve(mismatch);
+    const Matrix inverse = (system * across - slopes).inverse();
     // A diode's kink can make Newton jump to and fro; half steps end that.
-    if (iteration > 15) dp *= 0.5;
-    if (!dp.allFinite()) break;
-    error = mismatch.cwiseAbs().maxCoeff(&worst);
-    const Vector across_change = across * dp;
+    const double damping = iteration > 15 && !last ? 0.5 : 1.0;
+    const auto times = [](const Matrix& m, const std::array<T, n_chambers>& x, double factor) {
+      std::array<T, n_chambers> y;
+      for (int c = 0; c < n_chambers; ++c) {
+        y[c] = (factor * m(c, 0)) * x[0];
+        for (int k = 1; k < n_chambers; ++k) y[c] += (factor * m(c, k)) * x[k];
+      }
+      return y;
+    };
+    const std::array<T, n_chambers> dp = times(inverse, mismatch, damping);
+    bool finite = true;
+    for (const T& change : dp) finite = finite && std::isfinite(value_of(change));
+    if (!finite) {
+      converged = false;
+      break;
+    }
+    error = 0;
+    for (int c = 0; c < n_chambers; ++c)
+      if (std::abs(value_of(mismatch[c])) >= error) {
+        error = std::abs(value_of(mismatch[c]));
+        worst = c;
+      }
+    const std::array<T, n_chambers> across_change = times(across, dp, 1.0);
     for (const auto& wall : walls_) {
       const auto cavities = wall->cavities();
-      double change[n_chambers];
-      for (std::size_t k = 0; k < cavities.size(); ++k) change[k] = across_change(cavities[k]);
+      T change[n_chambers];
+      for (std::size_t k = 0; k < cavities.size(); ++k) change[k] = across_change[cavities[k]];
       wall->update(change);
     }
-    for (int c = 0; c < n_chambers; ++c) wall_volume(c) = volume[c];
-    wall_volume += system * across_change;
+    Vector plain_change;
+    for (int c = 0; c < n_chambers; ++c) {
+      wall_volume(c) = value_of(volume[c]);
+      plain_change(c) = value_of(across_change[c]);
+    }
+    wall_volume += system * plain_change;
     double largest_change = 0;
     for (int c = 0; c < n_chambers; ++c) {
-      p[c] += dp(c);
-      largest_change = std::max(largest_change, std::abs(dp(c)) / (1 + std::abs(p[c])));
+      p[c] += dp[c];
+      largest_change = std::max(largest_change, std::abs(value_of(dp[c])) / (1 + std::abs(value_of(p[c]))));
     }
     converged = largest_change < pressure_tolerance_mmHg && error < volume_tolerance_mL;
+    if (std::is_same_v<T, double> && converged) last = true;
   }
   audit.newton_iterations += iteration;
   audit.most_newton_iterations = std::max(audit.most_newton_iterations, iteration);
@@ -137,42 +191,44 @@ void HeartDriver::step(double t, BeatAudit& audit) {
         "no balance of wall and blood volumes at t = {:.4f} s of the beat: after {} Newton iterations {} "
         "still misses "
         "{:.3g} mL at {:.3g} mmHg. Try a smaller dt_s (now {} s){}.",
-        t + dt, iteration, chamber_names[worst], error, p[worst], dt,
+        value_of(t) + value_of(dt), iteration, chamber_names[worst], error, value_of(p[worst]), value_of(dt),
         settings_.stabilise_volumes ? "" : ", or stabilise volumes (solver.stabilise.volumes = true)"));
   }
   for (const auto& wall : walls_) wall->accept_step();
 
   p_ = p;
-  Q_ = valve_flows<double>(circulation_, p_.data(), y_[p_AR_SYS], y_[p_AR_PUL]);
-  CirculationValues rates;
-  circulation_rates<double>(circulation_, y_.data(), p_.data(), Q_, rates.data());
-  audit.dissipated_mmHg_mL += dt * dissipated_power(circulation_, y_.data(), p_.data(), Q_);
+  Q_ = valve_flows<T>(circulation_, p_.data(), y_[p_AR_SYS], y_[p_AR_PUL]);
+  Values rates;
+  circulation_rates(circulation_, y_.data(), p_.data(), Q_, rates.data());
+  if constexpr (std::is_same_v<T, double>)
+    audit.dissipated_mmHg_mL += dt * dissipated_power(circulation_, y_.data(), p_.data(), Q_);
   if (settings_.implicit_inductors) {
-    const CircuitParameters& s = circulation_.circuits[SYS];
-    const CircuitParameters& l = circulation_.circuits[PUL];
-    rates[Q_AR_SYS] /= 1 + dt * s.R_AR / s.L_AR;
-    rates[Q_VEN_SYS] /= 1 + dt * s.R_VEN / s.L_VEN;
-    rates[Q_AR_PUL] /= 1 + dt * l.R_AR / l.L_AR;
-    rates[Q_VEN_PUL] /= 1 + dt * l.R_VEN / l.L_VEN;
+    const CircuitParametersOf<T>& s = circulation_.circuits[SYS];
+    const CircuitParametersOf<T>& l = circulation_.circuits[PUL];
+    rates[Q_AR_SYS] /= 1.0 + dt * s.R_AR / s.L_AR;
+    rates[Q_VEN_SYS] /= 1.0 + dt * s.R_VEN / s.L_VEN;
+    rates[Q_AR_PUL] /= 1.0 + dt * l.R_AR / l.L_AR;
+    rates[Q_VEN_PUL] /= 1.0 + dt * l.R_VEN / l.L_VEN;
   }
   for (int k = 0; k < n_circulation_states; ++k) y_[k] += dt * rates[k];
   for (int c = 0; c < n_chambers; ++c) {
-    audit.chamber_work_mmHg_mL -= p_[c] * dt * rates[c];
-    audit.volume_mismatch_mL = std::max(audit.volume_mismatch_mL, std::abs(wall_volume(c) - y_[c]));
+    audit.chamber_work_mmHg_mL -= value_of(p_[c]) * value_of(dt) * value_of(rates[c]);
+    audit.volume_mismatch_mL = std::max(audit.volume_mismatch_mL, std::abs(wall_volume(c) - value_of(y_[c])));
   }
-  for (int v = 0; v < n_valves; ++v) audit.valve_volume_mL[v] += dt * Q_[v];
+  for (int v = 0; v < n_valves; ++v) audit.valve_volume_mL[v] += value_of(dt) * value_of(Q_[v]);
   for (int k = 0; k < n_circulation_states; ++k)
-    if (!std::isfinite(y_[k]) || std::abs(y_[k]) > 1e6)
+    if (!std::isfinite(value_of(y_[k])) || std::abs(value_of(y_[k])) > 1e6)
       throw NumericalFailure(fmt::format(
           "the circulation diverged at t = {:.4f} s of the beat: {} = {:.3g} {}. Its explicit "
           "step is stable below "
           "{:.2f} ms (2 L/R of the stiffest branch); dt_s is {} s. Take a smaller step{}.",
-          t + dt, circulation_state_quantities[k].name, y_[k], circulation_state_quantities[k].unit,
-          1e3 * largest_explicit_step(circulation_), dt,
+          value_of(t) + value_of(dt), circulation_state_quantities[k].name, value_of(y_[k]), circulation_state_quantities[k].unit,
+          1e3 * largest_explicit_step(plain_), value_of(dt),
           settings_.stabilise_volumes ? "" : ", or stabilise volumes (solver.stabilise.volumes = true)"));
 }
 
-Table HeartDriver::trace() const {
+template <class T>
+Table HeartDriverOf<T>::trace() const {
   Table table = circulation_table();
   for (const auto& wall : walls_) {
     const auto cavities = wall->cavities();
@@ -183,8 +239,14 @@ Table HeartDriver::trace() const {
   return table;
 }
 
-void HeartDriver::record(Table& table, double t) const {
-  append_circulation_row(table, t, y_.data(), p_.data(), Q_);
+template <class T>
+void HeartDriverOf<T>::record(Table& table, double t) const {
+  double y[n_circulation_states], p[n_chambers];
+  std::array<double, n_valves> Q;
+  for (int k = 0; k < n_circulation_states; ++k) y[k] = value_of(y_[k]);
+  for (int c = 0; c < n_chambers; ++c) p[c] = value_of(p_[c]);
+  for (int v = 0; v < n_valves; ++v) Q[v] = value_of(Q_[v]);
+  append_circulation_row(table, t, y, p, Q);
   std::size_t column = 1 + n_circulation_states + n_chambers + n_valves;
   for (const auto& wall : walls_) {
     const std::size_t n = wall->outputs().size();
@@ -194,35 +256,46 @@ void HeartDriver::record(Table& table, double t) const {
   }
 }
 
-BeatAudit HeartDriver::beat(Table* table) {
+template <class T>
+BeatAudit HeartDriverOf<T>::beat(Table* table) {
+  if (table) table->clear_rows();
+  return beat_rows([&](const T& time) {
+    if (table) record(*table, value_of(time));
+  });
+}
+
+template <class T>
+BeatAudit HeartDriverOf<T>::beat_rows(const std::function<void(const T&)>& on_row) {
   BeatAudit audit;
-  const double volume = total_volume(circulation_, y_.data());
-  if (table) {
-    table->clear_rows();
-    record(*table, 0);
-  }
+  const double volume = value_of(total_volume(circulation_, y_.data()));
+  on_row(T(0.0));
   for (long n = 0; n < n_steps_; ++n) {
     step(static_cast<double>(n) * settings_.dt_s, audit);
-    if (table) record(*table, static_cast<double>(n + 1) * settings_.dt_s);
+    on_row(static_cast<double>(n + 1) * settings_.dt_s);
   }
-  audit.blood_volume_change_mL = total_volume(circulation_, y_.data()) - volume;
+  audit.blood_volume_change_mL = value_of(total_volume(circulation_, y_.data())) - volume;
   return audit;
 }
 
-std::vector<double> HeartDriver::save() const {
-  std::vector<double> out(y_.begin(), y_.end());
+template <class T>
+std::vector<T> HeartDriverOf<T>::save() const {
+  std::vector<T> out(y_.begin(), y_.end());
   out.insert(out.end(), p_.begin(), p_.end());
   out.insert(out.end(), Q_.begin(), Q_.end());
   for (const auto& wall : walls_) wall->save(out);
   return out;
 }
 
-void HeartDriver::restore(const std::vector<double>& saved) {
-  std::span<const double> in = saved;
-  for (double& value : y_) value = take_saved(in);
-  for (double& value : p_) value = take_saved(in);
-  for (double& value : Q_) value = take_saved(in);
+template <class T>
+void HeartDriverOf<T>::restore(const std::vector<T>& saved) {
+  std::span<const T> in = saved;
+  for (T& value : y_) value = take_saved(in);
+  for (T& value : p_) value = take_saved(in);
+  for (T& value : Q_) value = take_saved(in);
   for (const auto& wall : walls_) wall->restore(in);
 }
+
+template class HeartDriverOf<double>;
+template class HeartDriverOf<Tangent>;
 
 }  // namespace wiggers

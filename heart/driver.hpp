@@ -12,6 +12,7 @@
 // Stabilised, the wall's volumes equal the circulation's new ones to Newton's tolerance at every step.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -22,13 +23,15 @@
 
 namespace wiggers {
 
-struct DriverSettings {
-  double period_s = 0.8;
-  double dt_s = 1e-3;  // divides the period
+template <class P>
+struct DriverSettingsOf {
+  P period_s = 0.8;
+  P dt_s = 1e-3;  // divides the period
   bool stabilise_volumes = true;
   bool implicit_inductors = false;
-  Pericardium pericardium;
+  PericardiumOf<P> pericardium;
 };
+using DriverSettings = DriverSettingsOf<double>;
 
 // What a beat reports beside its trace.
 struct BeatAudit {
@@ -41,45 +44,55 @@ struct BeatAudit {
   std::array<double, n_valves> valve_volume_mL{};  // net volume through each valve
 };
 
-class HeartDriver {
+// Numbers are plain, or dual to carry sensitivities.
+template <class T>
+class HeartDriverOf {
  public:
-  HeartDriver(DriverSettings settings, CirculationParameters circulation,
-              std::vector<std::unique_ptr<Wall>> walls);
+  HeartDriverOf(DriverSettingsOf<T> settings, CirculationParametersOf<T> circulation,
+                std::vector<std::unique_ptr<WallOf<T>>> walls);
 
-  void start(const CirculationValues& initial);
+  using Values = std::array<T, n_circulation_states>;
+
+  void start(const Values& initial);
 
   long steps_per_beat() const { return n_steps_; }
-  const DriverSettings& settings() const { return settings_; }
-  const CirculationParameters& circulation() const { return circulation_; }
-  const CirculationValues& values() const { return y_; }
-  const std::array<double, n_chambers>& pressures() const { return p_; }
+  const DriverSettingsOf<T>& settings() const { return settings_; }
+  const CirculationParametersOf<T>& circulation() const { return circulation_; }
+  const Values& values() const { return y_; }
+  const std::array<T, n_chambers>& pressures() const { return p_; }
+  const std::array<T, n_valves>& flows() const { return Q_; }
 
   // Replaces the circulation's state between two beats and moves the walls to its volumes.
-  void move_to(const CirculationValues& values);
+  void move_to(const Values& values);
 
   // Empty trace with all columns: time, circulation, pressures, valve flows, wall outputs ("LV.stretch").
   Table trace() const;
 
   // One beat; rows of the trace at every step, both ends included.
   BeatAudit beat(Table* trace);
+  // One beat; on_row(t) at the start and after every step.
+  BeatAudit beat_rows(const std::function<void(const T&)>& on_row);
 
   // One step from time t within the beat (for tests).
-  void step(double t, BeatAudit& audit);
+  void step(const T& t, BeatAudit& audit);
 
-  std::vector<double> save() const;
-  void restore(const std::vector<double>& saved);
+  std::vector<T> save() const;
+  void restore(const std::vector<T>& saved);
 
  private:
   void record(Table& trace, double t) const;
-  void wanted_volumes(const double* p, double* volumes, double* slopes) const;
+  void wanted_volumes(const T* p, T* volumes, double* slopes) const;
 
-  DriverSettings settings_;
-  CirculationParameters circulation_;
-  std::vector<std::unique_ptr<Wall>> walls_;
+  DriverSettingsOf<T> settings_;
+  CirculationParametersOf<T> circulation_;
+  CirculationParameters plain_;  // the same without derivatives, for Newton's slopes
+  Pericardium plain_bag_;
+  std::vector<std::unique_ptr<WallOf<T>>> walls_;
   long n_steps_;
-  CirculationValues y_{};
-  std::array<double, n_chambers> p_{};
-  std::array<double, n_valves> Q_{};
+  Values y_{};
+  std::array<T, n_chambers> p_{};
+  std::array<T, n_valves> Q_{};
 };
+using HeartDriver = HeartDriverOf<double>;
 
 }  // namespace wiggers

@@ -7,31 +7,32 @@
 
 namespace wiggers {
 
-class ElastanceWall final : public Wall {
+template <class T>
+class ElastanceWallOf final : public WallOf<T> {
  public:
-  ElastanceWall(int chamber, ElastanceParameters parameters, double period_s)
+  ElastanceWallOf(int chamber, ElastanceParametersOf<T> parameters, T period_s)
       : chamber_{chamber}, parameters_(parameters), period_(period_s) {}
 
   std::span<const int> cavities() const override { return chamber_; }
-  void start(double t, const double* volumes, double* pressures) override {
+  void start(const T& t, const T* volumes, T* pressures) override {
     elastance_ = elastance(parameters_, t, period_);
-    activation_ = elastance_activation(parameters_, t, period_);
+    activation_ = value_of(elastance_activation(parameters_, t, period_));
     pressures[0] = elastance_ * (volumes[0] - parameters_.V0);
   }
-  void begin_step(double t, double dt) override {
-    elastance_ = elastance(parameters_, t + dt, period_);
-    activation_ = elastance_activation(parameters_, t + dt, period_);
+  void begin_step(const T& t, const T& dt) override {
+    elastance_ = elastance(parameters_, T(t + dt), period_);
+    activation_ = value_of(elastance_activation(parameters_, T(t + dt), period_));
   }
-  void linearise(const double* pressures, double* volumes, double* dV_dp) override {
+  void linearise(const T* pressures, T* volumes, double* dV_dp) override {
     volumes[0] = pressures[0] / elastance_ + parameters_.V0;
-    dV_dp[0] = 1 / elastance_;
+    dV_dp[0] = 1 / value_of(elastance_);
   }
-  void update(const double*) override {}
+  void update(const T*) override {}
   void accept_step() override {}
   void reject_step() override {}
-  void move_to(const double*) override {}
-  void save(std::vector<double>&) const override {}
-  void restore(std::span<const double>&) override {}
+  void move_to(const T*) override {}
+  void save(std::vector<T>&) const override {}
+  void restore(std::span<const T>&) override {}
 
   std::vector<WallOutput> outputs() const override {
     return {{"activation", "1", "activation of the elastance, 0 to 1"}};
@@ -40,9 +41,11 @@ class ElastanceWall final : public Wall {
 
  private:
   std::array<int, 1> chamber_;
-  ElastanceParameters parameters_;
-  double period_;
-  double elastance_ = 1, activation_ = 0;
+  ElastanceParametersOf<T> parameters_;
+  T period_;
+  T elastance_ = 1;
+  double activation_ = 0;
 };
+using ElastanceWall = ElastanceWallOf<double>;
 
 }  // namespace wiggers

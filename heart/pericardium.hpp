@@ -7,12 +7,13 @@
 
 namespace wiggers {
 
-struct Pericardium {
-  double pressure_mmHg = 0;          // p0; 0: no bag
-  double reference_volume_mL = 600;  // V_ref, of the four cavities together
-  double exponent = 10;
+template <class P>
+struct PericardiumOf {
+  P pressure_mmHg = 0;          // p0; 0: no bag
+  P reference_volume_mL = 600;  // V_ref, of the four cavities together
+  P exponent = 10;
 
-  bool present() const { return pressure_mmHg > 0; }
+  bool present() const { return pressure_mmHg > 0.0; }
   template <class T>
   T pressure(const T& volume_mL) const {
     const auto slack = volume_mL <= reference_volume_mL;
@@ -20,5 +21,6 @@ struct Pericardium {
     return pressure_mmHg * (pow(ratio, exponent) - 1.0);
   }
 };
+using Pericardium = PericardiumOf<double>;
 
 }  // namespace wiggers

@@ -12,47 +12,52 @@
 
 namespace wiggers {
 
-struct ReducedWallParameters {
-  SphereWall sphere;
-  UsykLaw passive;
-  double n_f = 1, n_n = 0.4;  // shares of the active stress along fibre and in-plane normal
-  double viscosity_Pa_s = 0;
+template <class P>
+struct ReducedWallParametersOf {
+  SphereWallOf<P> sphere;
+  UsykLawOf<P> passive;
+  P n_f = 1, n_n = 0.4;  // shares of the active stress along fibre and in-plane normal
+  P viscosity_Pa_s = 0;
   // Robin surroundings: p_e = f (k (b - b0) + c b') (b0/b)^2, b the outer radius.
-  double epicardial_stiffness_Pa_per_m = 0;  // f k
-  double epicardial_damping_Pa_s_per_m = 0;  // f c
+  P epicardial_stiffness_Pa_per_m = 0;  // f k
+  P epicardial_damping_Pa_s_per_m = 0;  // f c
 };
+using ReducedWallParameters = ReducedWallParametersOf<double>;
 
-class ReducedWall final : public Wall {
+// Numbers are plain, or dual to carry sensitivities.
+template <class T>
+class ReducedWallOf final : public WallOf<T> {
  public:
-  ReducedWall(int chamber, ReducedWallParameters parameters, ActiveFibre fibre);
+  ReducedWallOf(int chamber, ReducedWallParametersOf<T> parameters, ActiveFibreOf<T> fibre);
 
   std::span<const int> cavities() const override { return chamber_; }
-  void start(double t, const double* volumes, double* pressures) override;
-  void begin_step(double t, double dt) override;
-  void linearise(const double* pressures, double* volumes, double* dV_dp) override;
-  void update(const double* pressure_change) override;
+  void start(const T& t, const T* volumes, T* pressures) override;
+  void begin_step(const T& t, const T& dt) override;
+  void linearise(const T* pressures, T* volumes, double* dV_dp) override;
+  void update(const T* pressure_change) override;
   void accept_step() override;
   void reject_step() override;
-  void move_to(const double* volumes) override;
-  void save(std::vector<double>& out) const override;
-  void restore(std::span<const double>& in) override;
+  void move_to(const T* volumes) override;
+  void save(std::vector<T>& out) const override;
+  void restore(std::span<const T>& in) override;
   std::vector<WallOutput> outputs() const override { return fibre_.outputs(); }
   void output_values(double* values) const override { fibre_.output_values(values); }
 
  private:
-  // p(V) at the tension of the current step (kPa).
-  template <class T>
-  T pressure_kPa(const T& V) const;
+  T stretch_at(const T& V) const { return mean_stretch(parameters_.sphere, gauss_8(), V); }
 
   std::array<int, 1> chamber_;
-  ReducedWallParameters parameters_;
-  ActiveFibre fibre_;
-  double V_ = 0;
+  ReducedWallParametersOf<T> parameters_;
+  ReducedWallParameters plain_;  // the same without derivatives, for Newton's slopes
+  ActiveFibreOf<T> fibre_;
+  T V_ = 0;
   // Of the current step.
-  double dt_ = 1;
-  double newton_V_ = 0;  // Newton's iterate
-  double dV_dp_ = 0, linearised_V_ = 0;
-  std::vector<double> backup_;  // for reject_step
+  T dt_ = 1;
+  T newton_V_ = 0;  // Newton's iterate
+  double dV_dp_ = 0;
+  T linearised_V_ = 0;
+  std::vector<T> backup_;  // for reject_step
 };
+using ReducedWall = ReducedWallOf<double>;
 
 }  // namespace wiggers

@@ -119,9 +119,7 @@ ActiveFibre HeartRun::make_fibre(const FibrePlan& plan, const std::string& place
   } else {
     source = std::make_unique<PrescribedCalcium>(type.transient, period_ms, plan.activation_ms);
   }
-  ActiveFibreSettings settings = plan.settings;
-  settings.rest_calcium_uM = paced.calcium_min_uM;
-  return ActiveFibre(settings, plan.force_parameters, std::move(source), place);
+  return ActiveFibre(plan.settings, plan.force_parameters, paced.calcium_min_uM, std::move(source), place);
 }
 
 void HeartRun::build() {

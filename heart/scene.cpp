@@ -6,62 +6,11 @@
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/indexes.hpp>
 #include <wiggers/heart/scene.hpp>
+#include <wiggers/heart/scene_keys.hpp>
 
 namespace wiggers {
 
 namespace {
-
-namespace keys {
-constexpr Quantity body_surface_area{
-    "body_surface_area_m2", "m^2", 1.9, 0.1, 4, "divides volumes into indexed ones"};
-constexpr Quantity calcium_factor{
-    "calcium_factor", "1", 1, 0, 10, "rescaling of calcium at the force model's door"};
-constexpr Quantity calcium_rest{
-    "calcium_rest_uM", "uM", 0.05, 0, 10, "prescribed transient: resting calcium"};
-constexpr Quantity calcium_peak{"calcium_peak_uM", "uM", 0.38, 0, 10, "prescribed transient: peak calcium"};
-constexpr Quantity rise{"rise_ms", "ms", 20, 0.1, 1000, "prescribed transient: time constant of the rise"};
-constexpr Quantity decay{"decay_ms", "ms", 60, 0.1, 5000, "prescribed transient: time constant of the decay"};
-constexpr Quantity activation{
-    "activation_ms", "ms", 0, 0, 20000, "when the wall is stimulated, from the beat's start"};
-constexpr Quantity V0{"unloaded_volume_mL", "mL", 95, 0.1, 1e4, "cavity volume of the unloaded sphere"};
-constexpr Quantity Vw{"wall_volume_mL", "mL", 130, 0.1, 1e4, "volume of the wall"};
-constexpr Quantity V0_LV{"unloaded_LV_mL", "mL", 85, 1, 1e4, "unloaded volume of the left ventricle"};
-constexpr Quantity V0_RV{"unloaded_RV_mL", "mL", 100, 1, 1e4, "unloaded volume of the right ventricle"};
-constexpr Quantity septum_height{
-    "septum_height", "1", 0.66, 0.2, 1.8, "unloaded height of the septal cap, in radii of the LV"};
-constexpr Quantity reference_area{"reference_area_cm2",
-                                  "cm^2",
-                                  88.5,
-                                  1,
-                                  1e4,
-                                  "unloaded midwall area of the segment (follows from the unloaded volumes)"};
-constexpr Quantity stiffness{"stiffness_kPa", "kPa", 0.88, 1e-3, 1e3, "C of the Usyk law"};
-constexpr Quantity b_ff{"b_ff", "1", 8, 0, 100, "exponent of the Usyk law along the fibre"};
-constexpr Quantity b_ss{"b_ss", "1", 6, 0, 100, "exponent of the Usyk law through the wall"};
-constexpr Quantity b_nn{"b_nn", "1", 3, 0, 100, "exponent of the Usyk law across the fibre in the wall"};
-constexpr Quantity n_f{"n_f", "1", 1, 0, 1, "share of active stress along the fibre"};
-constexpr Quantity n_n{"n_n", "1", 0.4, 0, 1, "share of active stress across the fibre in the wall"};
-constexpr Quantity a_XB{"a_XB_kPa", "kPa", 3.75e5, 0, 1e8, "tension per unit of first crossbridge moment"};
-constexpr Quantity viscosity{"viscosity_Pa_s", "Pa s", 0, 0, 1e6, "viscosity of the wall"};
-constexpr Quantity robin_k{"epicardial_stiffness_Pa_per_m",         "Pa/m", 0, 0, 1e8,
-                           "surroundings: spring on the epicardium"};
-constexpr Quantity robin_c{"epicardial_damping_Pa_s_per_m",          "Pa s/m", 0, 0, 1e7,
-                           "surroundings: dashpot on the epicardium"};
-constexpr Quantity bag_pressure{"pressure_mmHg", "mmHg", 0, 0, 1000, "p0 of the pericardial bag; 0: no bag"};
-constexpr Quantity bag_volume{
-    "reference_volume_mL", "mL", 600, 10, 1e4, "sum of the cavities' volumes at which the bag gets taut"};
-constexpr Quantity bag_exponent{"exponent", "1", 10, 1, 60, "steepness of the bag, p0 ((V/V_ref)^n - 1)"};
-constexpr Quantity dt{"dt_s", "s", 1e-3, 1e-6, 0.05, "step of mechanics and circulation; divides the period"};
-constexpr Quantity substep{"electrophysiology_substep_ms", "ms", 0.1, 1e-4, 1, "step of the ionic cells"};
-constexpr Quantity ru_substep{"regulatory_substep_us",           "us", 25, 0.1, 1000,
-                              "step of RDQ20's regulatory units"};
-constexpr Quantity beats{"beats", "1", 1, 1, 1e6, "number of beats to run"};
-constexpr Quantity distance{
-    "distance", "1",  1e-6,
-    1e-10,      1e-1, "scaled distance to the limit cycle at which to stop (100 mL, 10 mmHg, 100 mL/s)"};
-constexpr Quantity max_beats{"max_beats", "1", 300, 3, 1e6, "give up on the limit cycle after so many beats"};
-constexpr Quantity checkpoint{"checkpoint_every_s", "s", 1, 0, 1e6, "wall time between checkpoints of a run"};
-}  // namespace keys
 
 std::vector<std::string> as_strings(auto&& names) { return {names.begin(), names.end()}; }
 
@@ -90,10 +39,10 @@ CellType read_cells(SettingsReader& table, const std::string& name) {
         fmt::format("{} is missing; choose one of {}", table.place("ionic"), fmt::join(kinds, ", ")));
   const std::string ionic = table.choice("ionic", "", kinds, "ionic model");
   if (ionic == "transient") {
-    cell.transient.rest_uM = table.number(keys::calcium_rest);
-    cell.transient.peak_uM = table.number(keys::calcium_peak);
-    cell.transient.rise_ms = table.number(keys::rise);
-    cell.transient.decay_ms = table.number(keys::decay);
+    cell.transient.rest_uM = table.number(scene_keys::calcium_rest);
+    cell.transient.peak_uM = table.number(scene_keys::calcium_peak);
+    cell.transient.rise_ms = table.number(scene_keys::rise);
+    cell.transient.decay_ms = table.number(scene_keys::decay);
     if (cell.transient.rise_ms >= cell.transient.decay_ms)
       throw InputError(fmt::format("{} = {} must be shorter than decay_ms = {}", table.place("rise_ms"),
                                    cell.transient.rise_ms, cell.transient.decay_ms));
@@ -119,7 +68,7 @@ CellType read_cells(SettingsReader& table, const std::string& name) {
                       "cycle; use start = "
                       "\"published\" or another parameter set",
                       table.place("start")));
-    cell.rescaling.factor = table.number(keys::calcium_factor);
+    cell.rescaling.factor = table.number(scene_keys::calcium_factor);
     const std::string reading = table.choice("calcium_reading", calcium_reading_names[0],
                                              as_strings(calcium_reading_names), "calcium reading");
     cell.rescaling.reading = reading == "peak" ? CalciumReading::peak : CalciumReading::scaled;
@@ -143,14 +92,14 @@ FibrePlan read_fibre(SettingsReader& table, double period_s, const std::map<std:
     throw InputError(
         fmt::format("{}: this wall needs an entry of [cells] to drive it", table.place("cells")));
   fibre.cells = table.choice("cells", known.front(), known, "entry of [cells]");
-  fibre.activation_ms = table.number(keys::activation);
+  fibre.activation_ms = table.number(scene_keys::activation);
   if (fibre.activation_ms >= period_s * 1e3)
     throw InputError(fmt::format("{} = {} ms is not within the period of {} s", table.place("activation_ms"),
                                  fibre.activation_ms, period_s));
   fibre.settings.active = table.flag("active", true);
   fibre.settings.subtract_rest_tension = table.flag("subtract_rest_tension", true);
   fibre.force_parameters = cells.at(fibre.cells).force_parameters;
-  fibre.force_parameters[Rdq20::a_XB] = table.number(keys::a_XB, fibre.force_parameters[Rdq20::a_XB]);
+  fibre.force_parameters[Rdq20::a_XB] = table.number(scene_keys::a_XB, fibre.force_parameters[Rdq20::a_XB]);
   // The force model must hold at least at the length that strain is referred to.
   try {
     check_sarcomere_length(fibre.force_parameters, fibre.force_parameters[Rdq20::SL0]);
@@ -161,8 +110,8 @@ FibrePlan read_fibre(SettingsReader& table, double period_s, const std::map<std:
 }
 
 UsykLaw read_usyk(SettingsReader& table) {
-  return {table.number(keys::stiffness), table.number(keys::b_ff), table.number(keys::b_ss),
-          table.number(keys::b_nn)};
+  return {table.number(scene_keys::stiffness), table.number(scene_keys::b_ff), table.number(scene_keys::b_ss),
+          table.number(scene_keys::b_nn)};
 }
 
 std::string read_kind(SettingsReader& table, std::string_view default_kind,
@@ -189,14 +138,14 @@ WallPlan read_wall(SettingsReader& table, int chamber, double period_s,
   }
   wall.fibres = {read_fibre(table, period_s, cells)};
   ReducedWallParameters& r = wall.reduced;
-  r.sphere.V0_mL = table.number(keys::V0);
-  r.sphere.Vw_mL = table.number(keys::Vw);
+  r.sphere.V0_mL = table.number(scene_keys::V0);
+  r.sphere.Vw_mL = table.number(scene_keys::Vw);
   r.passive = read_usyk(table);
-  r.n_f = table.number(keys::n_f);
-  r.n_n = table.number(keys::n_n);
-  r.viscosity_Pa_s = table.number(keys::viscosity);
-  r.epicardial_stiffness_Pa_per_m = table.number(keys::robin_k);
-  r.epicardial_damping_Pa_s_per_m = table.number(keys::robin_c);
+  r.n_f = table.number(scene_keys::n_f);
+  r.n_n = table.number(scene_keys::n_n);
+  r.viscosity_Pa_s = table.number(scene_keys::viscosity);
+  r.epicardial_stiffness_Pa_per_m = table.number(scene_keys::robin_k);
+  r.epicardial_damping_Pa_s_per_m = table.number(scene_keys::robin_c);
   return wall;
 }
 
@@ -207,20 +156,20 @@ WallPlan read_ventricles(SettingsReader& table, double period_s,
   wall.name = "ventricles";
   wall.cavities = {LV, RV};
   wall.kind = read_kind(table, "triseg", {"triseg"});
-  wall.triseg.n_f = table.number(keys::n_f);
-  wall.triseg.n_n = table.number(keys::n_n);
+  wall.triseg.n_f = table.number(scene_keys::n_f);
+  wall.triseg.n_n = table.number(scene_keys::n_n);
   TriSegShape shape;
-  shape.V_LV_mL = table.number(keys::V0_LV, shape.V_LV_mL);
-  shape.V_RV_mL = table.number(keys::V0_RV, shape.V_RV_mL);
-  shape.septum_height = table.number(keys::septum_height, shape.septum_height);
+  shape.V_LV_mL = table.number(scene_keys::V0_LV, shape.V_LV_mL);
+  shape.V_RV_mL = table.number(scene_keys::V0_RV, shape.V_RV_mL);
+  shape.septum_height = table.number(scene_keys::septum_height, shape.septum_height);
   for (int i = 0; i < n_segments; ++i)
-    shape.wall_volume_mL[i] = table.table(segment_names[i]).number(keys::Vw, shape.wall_volume_mL[i]);
+    shape.wall_volume_mL[i] = table.table(segment_names[i]).number(scene_keys::Vw, shape.wall_volume_mL[i]);
   wall.triseg.caps = triseg_unloaded(shape).caps;
   for (int i = 0; i < n_segments; ++i) {
     SettingsReader& segment = table.table(segment_names[i]);
     wall.fibres.push_back(read_fibre(segment, period_s, cells));
     CapGeometry& cap = wall.triseg.caps[i];
-    cap.reference_area_cm2 = segment.number(keys::reference_area, cap.reference_area_cm2);
+    cap.reference_area_cm2 = segment.number(scene_keys::reference_area, cap.reference_area_cm2);
     wall.triseg.passive[i] = read_usyk(segment);
   }
   return wall;
@@ -295,7 +244,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
   scene.title = reader.text("title", name);
   SettingsReader& heart = reader.table("heart");
   scene.period_s = heart.number(period_quantity);
-  scene.body_surface_area_m2 = heart.number(keys::body_surface_area);
+  scene.body_surface_area_m2 = heart.number(scene_keys::body_surface_area);
 
   SettingsReader& cells = reader.table("cells");
   for (const std::string& key : cells.keys()) {
@@ -354,14 +303,14 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
       read_initial(circulation.table("initial"), scene.circulation, find_circulation_set(set).loop.initial);
 
   SettingsReader& bag = reader.table("pericardium");
-  scene.pericardium.pressure_mmHg = bag.number(keys::bag_pressure);
-  scene.pericardium.reference_volume_mL = bag.number(keys::bag_volume);
-  scene.pericardium.exponent = bag.number(keys::bag_exponent);
+  scene.pericardium.pressure_mmHg = bag.number(scene_keys::bag_pressure);
+  scene.pericardium.reference_volume_mL = bag.number(scene_keys::bag_volume);
+  scene.pericardium.exponent = bag.number(scene_keys::bag_exponent);
 
   SettingsReader& solver = reader.table("solver");
   const std::vector<std::string> schemes = {"staggered"};
   solver.choice("scheme", schemes[0], schemes, "scheme");
-  scene.dt_s = solver.number(keys::dt);
+  scene.dt_s = solver.number(scene_keys::dt);
   const double steps = scene.period_s / scene.dt_s;
   if (std::abs(steps - std::round(steps)) > 1e-6 * steps || steps < 10)
     throw InputError(
@@ -369,7 +318,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
                     "nearest that does is {:.6g} s",
                     solver.place("dt_s"), scene.dt_s, scene.period_s,
                     scene.period_s / std::max(10.0, std::round(steps))));
-  scene.electrophysiology_substep_ms = solver.number(keys::substep);
+  scene.electrophysiology_substep_ms = solver.number(scene_keys::substep);
   scene.electrophysiology_integrator = solver.choice("electrophysiology_integrator", "rush-larsen-2",
                                                      as_strings(fixed_step_integrators()), "integrator");
   const std::string regulation =
@@ -377,7 +326,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
                     "scheme of the regulatory units");
   scene.regulation =
       regulation == regulation_scheme_names[0] ? RegulationScheme::midpoint : RegulationScheme::forward_euler;
-  scene.regulatory_substep_us = solver.number(keys::ru_substep);
+  scene.regulatory_substep_us = solver.number(scene_keys::ru_substep);
   const std::string rate = solver.choice("stretch_rate", rate_scheme_names[1], as_strings(rate_scheme_names),
                                          "stretch-rate scheme");
   for (std::size_t k = 0; k < rate_scheme_names.size(); ++k)
@@ -405,14 +354,14 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
         fmt::format("{}: give until = \"limit-cycle\" or a number of beats, not both", run.place("beats")));
   scene.until_limit_cycle =
       run.choice("until", counted ? "beats" : "limit-cycle", ends, "end of the run") == "limit-cycle";
-  if (!scene.until_limit_cycle) scene.beats = static_cast<int>(run.integer(keys::beats));
-  scene.limit_cycle.distance = run.number(keys::distance);
-  scene.limit_cycle.max_beats = static_cast<int>(run.integer(keys::max_beats));
+  if (!scene.until_limit_cycle) scene.beats = static_cast<int>(run.integer(scene_keys::beats));
+  scene.limit_cycle.distance = run.number(scene_keys::distance);
+  scene.limit_cycle.max_beats = static_cast<int>(run.integer(scene_keys::max_beats));
   const std::vector<std::string> methods = {"anderson", "pacing"};
   scene.limit_cycle.method = run.choice("method", "anderson", methods, "limit-cycle method") == "pacing"
                                  ? LimitCycleMethod::pacing
                                  : LimitCycleMethod::anderson;
-  scene.checkpoint_every_s = run.number(keys::checkpoint);
+  scene.checkpoint_every_s = run.number(scene_keys::checkpoint);
   reader.finish();
   const double substep_s = scene.regulatory_substep_us * 1e-6;
   for (WallPlan& wall : scene.walls)

@@ -26,7 +26,7 @@ struct CellType {
   std::string name;
   const CellModel* ionic = nullptr;  // null: a prescribed calcium transient
   std::vector<double> ionic_parameters;
-  PrescribedCalcium::Shape transient;
+  CalciumShape transient;
   StimulusPulse stimulus;
   bool from_limit_cycle = true;  // start from the cell's limit cycle, or from its published state
   std::vector<double> force_parameters;

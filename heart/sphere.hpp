@@ -15,15 +15,20 @@
 
 namespace wiggers {
 
-struct SphereWall {
-  double V0_mL = 0;  // unloaded cavity volume
-  double Vw_mL = 0;  // wall volume
+// Parameters may be plain, or dual to carry sensitivities.
+template <class P>
+struct SphereWallOf {
+  P V0_mL = 0;  // unloaded cavity volume
+  P Vw_mL = 0;  // wall volume
 };
+using SphereWall = SphereWallOf<double>;
 
-struct UsykLaw {
-  double C_kPa = 0.88;
-  double b_ff = 8, b_ss = 6, b_nn = 3;
+template <class P>
+struct UsykLawOf {
+  P C_kPa = 0.88;
+  P b_ff = 8, b_ss = 6, b_nn = 3;
 };
+using UsykLaw = UsykLawOf<double>;
 
 // Gauss-Legendre on [0, 1], weights summing to 1.
 template <int n>
@@ -35,22 +40,22 @@ const GaussRule<64>& gauss_64();
 
 inline constexpr double usyk_exponent_cap = 60;  // overflow guard of Newton trials; far beyond any answer
 
-template <class T, int n>
-T mean_stretch(const SphereWall& wall, const GaussRule<n>& rule, const T& V) {
+template <class T, class P, int n>
+T mean_stretch(const SphereWallOf<P>& wall, const GaussRule<n>& rule, const T& V) {
   T sum(0.0);
   for (int q = 0; q < n; ++q) {
-    const double xi = wall.V0_mL + wall.Vw_mL * rule.point[q];
+    const P xi = wall.V0_mL + wall.Vw_mL * rule.point[q];
     sum = sum + rule.weight[q] * cbrt(T((V + (xi - wall.V0_mL)) / xi));
   }
   return sum;
 }
 
 // G(V): pressure per unit of in-plane active stress, p_act = (n_f + n_n) T G.
-template <class T, int n>
-T pressure_per_tension(const SphereWall& wall, const GaussRule<n>& rule, const T& V) {
+template <class T, class P, int n>
+T pressure_per_tension(const SphereWallOf<P>& wall, const GaussRule<n>& rule, const T& V) {
   T sum(0.0);
   for (int q = 0; q < n; ++q) {
-    const double xi = wall.V0_mL + wall.Vw_mL * rule.point[q];
+    const P xi = wall.V0_mL + wall.Vw_mL * rule.point[q];
     const T v = V + (xi - wall.V0_mL);
     sum = sum + (rule.weight[q] * wall.Vw_mL / 3.0) * cbrt(T(v / xi)) / v;
   }
@@ -58,16 +63,16 @@ T pressure_per_tension(const SphereWall& wall, const GaussRule<n>& rule, const T
 }
 
 // Exponent Q of the passive law at a stretch, capped.
-template <class T>
-T usyk_exponent(const UsykLaw& law, const T& E_tangential, const T& E_radial) {
+template <class T, class P>
+T usyk_exponent(const UsykLawOf<P>& law, const T& E_tangential, const T& E_radial) {
   const T Q = (law.b_ff + law.b_nn) * square(E_tangential) + law.b_ss * square(E_radial);
   return select(Q > usyk_exponent_cap, T(usyk_exponent_cap), Q);
 }
 
 // Fibre stress of the law under equibiaxial stretch, sigma_ff + sigma_nn - 2 sigma_ss (kPa):
 // lambda^2 (S_f + S_n) - 2 lambda^-4 S_s with S_a = C e^Q b_a E_aa.
-template <class T>
-T usyk_fibre_stress(const UsykLaw& law, const T& lambda2) {
+template <class T, class P>
+T usyk_fibre_stress(const UsykLawOf<P>& law, const T& lambda2) {
   const T lambda4_inverse = 1.0 / square(lambda2);
   const T E_t = 0.5 * (lambda2 - 1.0);
   const T E_r = 0.5 * (lambda4_inverse - 1.0);
@@ -75,11 +80,11 @@ T usyk_fibre_stress(const UsykLaw& law, const T& lambda2) {
          ((law.b_ff + law.b_nn) * E_t * lambda2 - 2.0 * law.b_ss * E_r * lambda4_inverse);
 }
 
-template <class T, int n>
-T passive_pressure(const SphereWall& wall, const UsykLaw& law, const GaussRule<n>& rule, const T& V) {
+template <class T, class P, int n>
+T passive_pressure(const SphereWallOf<P>& wall, const UsykLawOf<P>& law, const GaussRule<n>& rule, const T& V) {
   T sum(0.0);
   for (int q = 0; q < n; ++q) {
-    const double xi = wall.V0_mL + wall.Vw_mL * rule.point[q];
+    const P xi = wall.V0_mL + wall.Vw_mL * rule.point[q];
     const T v = V + (xi - wall.V0_mL);
     const T stress = usyk_fibre_stress(law, square(T(cbrt(T(v / xi)))));
     sum = sum + (rule.weight[q] * wall.Vw_mL / 3.0) * stress / v;
@@ -88,11 +93,11 @@ T passive_pressure(const SphereWall& wall, const UsykLaw& law, const GaussRule<n
 }
 
 // Stored energy (kPa mL); its derivative by V is the passive pressure.
-template <class T, int n>
-T passive_energy(const SphereWall& wall, const UsykLaw& law, const GaussRule<n>& rule, const T& V) {
+template <class T, class P, int n>
+T passive_energy(const SphereWallOf<P>& wall, const UsykLawOf<P>& law, const GaussRule<n>& rule, const T& V) {
   T sum(0.0);
   for (int q = 0; q < n; ++q) {
-    const double xi = wall.V0_mL + wall.Vw_mL * rule.point[q];
+    const P xi = wall.V0_mL + wall.Vw_mL * rule.point[q];
     const T v = V + (xi - wall.V0_mL);
     const T lambda2 = square(cbrt(T(v / xi)));
     const T E_t = 0.5 * (lambda2 - 1.0);

@@ -38,8 +38,8 @@ template <class T>
 TriSegBalance<T> TriSegWall::balance(const std::array<T, 4>& u) const {
   return triseg_balance<T>(parameters_.caps, u[0], u[1], u[2], u[3], [this](int i, const T& stretch) {
     T stress = usyk_fibre_stress(parameters_.passive[i], square(stretch));
-    if (fibres_[i]->is_active())
-      stress = stress + (parameters_.n_f + parameters_.n_n) * stretch * fibres_[i]->tension_kPa(stretch);
+    if (const auto law = fibres_[i]->law(); law.active)
+      stress = stress + (parameters_.n_f + parameters_.n_n) * stretch * law(stretch);
     return stress;
   });
 }
@@ -68,7 +68,7 @@ void TriSegWall::solve_junction(Unknowns& u) const {
                   u[0], u[1], residual));
 }
 
-void TriSegWall::start(double, const double* volumes, double* pressures) {
+void TriSegWall::start(const double&, const double* volumes, double* pressures) {
   for (auto& fibre : fibres_) fibre->start(1);
   // From a septum bulging into the RV, with the junction of a sphere around the LV and its walls.
   const double outer =
@@ -83,7 +83,7 @@ void TriSegWall::start(double, const double* volumes, double* pressures) {
   pressures[1] = b.p_RV * units::mmHg_per_kPa;
 }
 
-void TriSegWall::begin_step(double t, double dt) {
+void TriSegWall::begin_step(const double& t, const double& dt) {
   backup_.clear();
   save(backup_);
   newton_ = u_;

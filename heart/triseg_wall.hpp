@@ -22,8 +22,8 @@ class TriSegWall final : public Wall {
   TriSegWall(TriSegParameters parameters, std::array<std::unique_ptr<ActiveFibre>, n_segments> fibres);
 
   std::span<const int> cavities() const override { return cavities_; }
-  void start(double t, const double* volumes, double* pressures) override;
-  void begin_step(double t, double dt) override;
+  void start(const double& t, const double* volumes, double* pressures) override;
+  void begin_step(const double& t, const double& dt) override;
   void linearise(const double* pressures, double* volumes, double* dV_dp) override;
   void update(const double* pressure_change) override;
   void accept_step() override;

@@ -25,37 +25,41 @@ struct WallOutput {
   std::string meaning;
 };
 
-class Wall {
+// Numbers are plain, or dual to carry sensitivities.
+template <class T>
+class WallOf {
  public:
-  virtual ~Wall() = default;
+  virtual ~WallOf() = default;
 
   // The cavities (indexes of chambers) in the order of all arrays below.
   virtual std::span<const int> cavities() const = 0;
 
   // Sets the starting volumes and whatever else a first step needs; returns a first guess of the pressures.
-  virtual void start(double t, const double* volumes, double* pressures) = 0;
+  virtual void start(const T& t, const T* volumes, T* pressures) = 0;
 
-  virtual void begin_step(double t, double dt) = 0;
+  virtual void begin_step(const T& t, const T& dt) = 0;
   // dV_dp is n x n, row-major.
-  virtual void linearise(const double* pressures, double* volumes, double* dV_dp) = 0;
-  virtual void update(const double* pressure_change) = 0;
+  virtual void linearise(const T* pressures, T* volumes, double* dV_dp) = 0;
+  virtual void update(const T* pressure_change) = 0;
   virtual void accept_step() = 0;
   virtual void reject_step() = 0;
 
   // Moves the wall to other volumes between two beats (limit-cycle acceleration), rates kept.
-  virtual void move_to(const double* volumes) = 0;
+  virtual void move_to(const T* volumes) = 0;
 
-  virtual void save(std::vector<double>& out) const = 0;
-  virtual void restore(std::span<const double>& in) = 0;
+  virtual void save(std::vector<T>& out) const = 0;
+  virtual void restore(std::span<const T>& in) = 0;
 
   virtual std::vector<WallOutput> outputs() const { return {}; }
   virtual void output_values(double* values) const { (void)values; }
 };
+using Wall = WallOf<double>;
 
 // Takes the next value off a saved state.
-inline double take_saved(std::span<const double>& in) {
+template <class T>
+T take_saved(std::span<const T>& in) {
   if (in.empty()) throw InputError("the saved state is damaged: it ends early");
-  const double value = in.front();
+  const T value = in.front();
   in = in.subspan(1);
   return value;
 }

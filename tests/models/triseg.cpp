@@ -20,7 +20,7 @@ std::unique_ptr<TriSegWall> passive_wall() {
   settings.active = false;
   for (auto& fibre : fibres)
     fibre = std::make_unique<ActiveFibre>(
-        settings, find_model("rdq20").parameter_values("fedele2023-ventricles"),
+        settings, find_model("rdq20").parameter_values("fedele2023-ventricles"), 0.1,
         std::make_unique<PrescribedCalcium>(PrescribedCalcium::Shape{}, 800, 0), "wall");
   return std::make_unique<TriSegWall>(parameters, std::move(fibres));
 }
