@@ -128,6 +128,13 @@ HeartStudy::HeartStudy(Scene scene) : scene_(std::move(scene)) {
   text_ = with_total_volume(scene_);
 }
 
+HeartStudy HeartStudy::copy() const {
+  HeartStudy other(scene_);
+  other.text_ = text_;
+  other.cells_ = cells_;
+  return other;
+}
+
 template <class T>
 HeartStudy::Numbers<T> HeartStudy::numbers() const {
   Numbers<double> plain;

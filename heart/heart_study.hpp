@@ -32,6 +32,9 @@ class HeartStudy {
   // Refuses what a study has no text for: triseg walls, cells that start from their published state.
   explicit HeartStudy(Scene scene);
 
+  // The same numbers; cells that are solved already stay so.
+  HeartStudy copy() const;
+
   const Scene& scene() const { return scene_; }
 
   // Every number of the scene that the indexes depend on, by its key: "walls.LV.a_XB_kPa",

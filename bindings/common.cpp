@@ -1,0 +1,232 @@
+#include "common.hpp"
+
+#include <fmt/format.h>
+
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <mutex>
+#include <thread>
+
+namespace wiggers::python {
+
+py::array_t<double> owned(std::vector<double> values, std::vector<py::ssize_t> shape) {
+  auto* kept = new std::vector<double>(std::move(values));
+  py::capsule owner(kept, [](void* p) { delete static_cast<std::vector<double>*>(p); });
+  if (shape.empty()) shape = {static_cast<py::ssize_t>(kept->size())};
+  return py::array_t<double>(shape, kept->data(), owner);
+}
+
+std::vector<double> vector_of(const Array& array, std::size_t size, const std::string& what) {
+  if (array.ndim() != 1 || static_cast<std::size_t>(array.size()) != size) {
+    std::string shape;
+    for (py::ssize_t i = 0; i < array.ndim(); ++i) shape += fmt::format("{}{}", i ? ", " : "", array.shape(i));
+    throw InputError(fmt::format("{} has shape ({}), wanted is ({},)", what, shape, size));
+  }
+  std::vector<double> values(array.data(), array.data() + array.size());
+  for (std::size_t i = 0; i < values.size(); ++i)
+    if (!std::isfinite(values[i])) throw InputError(fmt::format("{}[{}] = {} is not finite", what, i, values[i]));
+  return values;
+}
+
+void check_signals() {
+  py::gil_scoped_acquire lock;
+  if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+}
+
+std::function<void(const LimitCycleCertificate&)> after_beat(const ProgressCall& progress) {
+  return [progress](const LimitCycleCertificate& c) {
+    check_signals();
+    if (!progress) return;
+    py::gil_scoped_acquire lock;
+    progress(c.beats, c.distance);
+  };
+}
+
+std::function<void(double)> after_pass(const std::function<void(double)>& progress) {
+  return [progress](double share) {
+    check_signals();
+    if (!progress) return;
+    py::gil_scoped_acquire lock;
+    progress(share);
+  };
+}
+
+LimitCycleSettings cycle_settings(double distance, int max_beats, const std::string& method,
+                                  const LimitCycleSettings& base) {
+  if (!(distance >= 1e-13 && distance <= 0.1))
+    throw InputError(fmt::format("distance = {} is outside 1e-13 to 0.1", distance));
+  if (max_beats < 3 || max_beats > 1000000)
+    throw InputError(fmt::format("max_beats = {} is outside 3 to 1e6", max_beats));
+  LimitCycleSettings settings = base;
+  settings.distance = distance;
+  settings.max_beats = max_beats;
+  settings.method = limit_cycle_method(method);
+  return settings;
+}
+
+BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names, std::vector<std::string> units,
+                    std::size_t n_states, const std::function<void(std::size_t, double*, double*)>& solve,
+                    const std::function<void(double)>& progress) {
+  if (threads < 1 || threads > 1024) throw InputError(fmt::format("threads = {} is outside 1 to 1024", threads));
+  BatchRows rows;
+  rows.names = std::move(names);
+  rows.units = std::move(units);
+  rows.n_states = n_states;
+  const std::size_t m = rows.names.size();
+  constexpr double nothing = std::numeric_limits<double>::quiet_NaN();
+  rows.values.assign(n * m, nothing);
+  rows.states.assign(n * n_states, nothing);
+  rows.reasons.assign(n, "");
+  std::atomic<std::size_t> next{0};
+  std::atomic<bool> stop{false};
+  const auto work = [&] {
+    for (std::size_t k = next++; k < n && !stop; k = next++) {
+      std::vector<double> values(m, nothing), state(n_states, nothing);
+      try {
+        solve(k, values.data(), state.data());
+        std::copy(values.begin(), values.end(), rows.values.begin() + static_cast<long>(k * m));
+        std::copy(state.begin(), state.end(), rows.states.begin() + static_cast<long>(k * n_states));
+      } catch (const std::exception& error) {
+        rows.reasons[k] = error.what();
+      }
+    }
+  };
+  const auto count = std::min<std::size_t>(static_cast<std::size_t>(threads), std::max<std::size_t>(1, n));
+  std::vector<std::thread> pool;
+  std::atomic<std::size_t> ended{0};
+  for (std::size_t t = 0; t < count; ++t)
+    pool.emplace_back([&] {
+      work();
+      ++ended;
+    });
+  // This thread looks after signals and progress meanwhile; both may end the batch.
+  std::exception_ptr failure;
+  auto shown = std::chrono::steady_clock::now();
+  while (ended < count) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(ended == 0 && n < 64 ? 1 : 5));
+    if (failure || std::chrono::steady_clock::now() - shown < std::chrono::milliseconds(100)) continue;
+    shown = std::chrono::steady_clock::now();
+    try {
+      check_signals();
+      if (progress) {
+        py::gil_scoped_acquire lock;
+        progress(static_cast<double>(std::min(n, next.load())) / static_cast<double>(std::max<std::size_t>(1, n)));
+      }
+    } catch (...) {
+      failure = std::current_exception();
+      stop = true;
+    }
+  }
+  for (std::thread& thread : pool) thread.join();
+  if (failure) std::rethrow_exception(failure);
+  return rows;
+}
+
+void bind_common(py::module_& m) {
+  py::register_exception<InputError>(m, "InputError", PyExc_ValueError).doc() =
+      "Something impossible was asked for; refused before any work. Names the key, the value and the range.";
+  py::register_exception<NumericalFailure>(m, "NumericalFailure", PyExc_RuntimeError).doc() =
+      "A computation broke down; says what, where, and what to try.";
+  py::register_exception<ResourceError>(m, "ResourceError", PyExc_OSError).doc() =
+      "The machine refused: a file cannot be read or written.";
+  py::register_exception<Interrupted>(m, "Interrupted", PyExc_KeyboardInterrupt);
+
+  py::class_<NamedParameter>(m, "Parameter", "A parameter's fact sheet and value.")
+      .def_readonly("name", &NamedParameter::name)
+      .def_readonly("value", &NamedParameter::value)
+      .def_property_readonly("unit", [](const NamedParameter& p) { return std::string(p.quantity.unit); })
+      .def_property_readonly("meaning", [](const NamedParameter& p) { return std::string(p.quantity.meaning); })
+      .def_property_readonly("default", [](const NamedParameter& p) { return p.quantity.default_value; })
+      .def_property_readonly("lower", [](const NamedParameter& p) { return p.quantity.lower; })
+      .def_property_readonly("upper", [](const NamedParameter& p) { return p.quantity.upper; })
+      .def("__repr__", [](const NamedParameter& p) {
+        return fmt::format("{} = {} {} ({} to {}; default {}): {}", p.name, p.value, p.quantity.unit,
+                           p.quantity.lower, p.quantity.upper, p.quantity.default_value, p.quantity.meaning);
+      });
+
+  py::class_<LimitCycleCertificate>(m, "Certificate", "How close to the limit cycle a search ended.")
+      .def(py::init([](const std::string& verdict, double distance, double residual, double multiplier, int beats) {
+             LimitCycleCertificate c{LimitCycleVerdict::running, distance, residual, multiplier, beats};
+             for (auto v : {LimitCycleVerdict::running, LimitCycleVerdict::period_1, LimitCycleVerdict::period_2,
+                            LimitCycleVerdict::drifting, LimitCycleVerdict::not_converged})
+               if (to_string(v) == verdict) c.verdict = v;
+             return c;
+           }),
+           py::arg("verdict"), py::arg("distance"), py::arg("residual"), py::arg("multiplier"), py::arg("beats"))
+      .def_property_readonly("verdict", [](const LimitCycleCertificate& c) { return to_string(c.verdict); })
+      .def_property_readonly("converged",
+                             [](const LimitCycleCertificate& c) { return c.verdict == LimitCycleVerdict::period_1; })
+      .def_readonly("distance", &LimitCycleCertificate::distance)
+      .def_readonly("residual", &LimitCycleCertificate::residual)
+      .def_readonly("multiplier", &LimitCycleCertificate::multiplier)
+      .def_readonly("beats", &LimitCycleCertificate::beats)
+      .def("__repr__", [](const LimitCycleCertificate& c) {
+        return fmt::format("Certificate({}, distance {:.2g}, residual {:.2g}, leading multiplier {:.4f}, {} beats)",
+                           to_string(c.verdict), c.distance, c.residual, c.multiplier, c.beats);
+      });
+
+  py::class_<Table, std::shared_ptr<Table>>(m, "Columns", "Named columns with units; arrays are views, not copies.")
+      .def_property_readonly("names",
+                             [](const Table& t) {
+                               std::vector<std::string> names;
+                               for (const Column& c : t.columns) names.push_back(c.name);
+                               return names;
+                             })
+      .def("unit", [](const Table& t, const std::string& name) { return t.at(name).unit; }, py::arg("name"))
+      .def("meaning", [](const Table& t, const std::string& name) { return t.at(name).meaning; }, py::arg("name"))
+      .def("__len__", &Table::n_rows)
+      .def(
+          "__getitem__",
+          [](py::object self, const std::string& name) {
+            const auto& values = self.cast<Table&>().at(name).values;
+            return py::array_t<double>({static_cast<py::ssize_t>(values.size())}, values.data(), self);
+          },
+          py::arg("name"));
+
+  py::class_<Sensitivities>(m, "SensitivityTable", "Derivatives of outputs by parameters, on a limit cycle.")
+      .def_readonly("outputs", &Sensitivities::outputs)
+      .def_readonly("output_units", &Sensitivities::output_units)
+      .def_readonly("parameters", &Sensitivities::parameters)
+      .def_readonly("parameter_units", &Sensitivities::parameter_units)
+      .def_property_readonly("values",
+                             [](py::object self) {
+                               const auto& s = self.cast<Sensitivities&>();
+                               return py::array_t<double>({static_cast<py::ssize_t>(s.values.size())},
+                                                          s.values.data(), self);
+                             })
+      .def_property_readonly("derivatives",
+                             [](py::object self) {
+                               const auto& s = self.cast<Sensitivities&>();
+                               return py::array_t<double>({static_cast<py::ssize_t>(s.outputs.size()),
+                                                           static_cast<py::ssize_t>(s.parameters.size())},
+                                                          s.derivatives.data(), self);
+                             })
+      .def_property_readonly("state_derivatives", [](py::object self) {
+        const auto& s = self.cast<Sensitivities&>();
+        const auto m = static_cast<py::ssize_t>(s.parameters.size());
+        return py::array_t<double>({m == 0 ? 0 : static_cast<py::ssize_t>(s.state_derivatives.size()) / m, m},
+                                   s.state_derivatives.data(), self);
+      });
+
+  py::class_<BatchRows>(m, "BatchRows", "Outputs of many samples, with a reason in place of each that failed.")
+      .def_readonly("names", &BatchRows::names)
+      .def_readonly("units", &BatchRows::units)
+      .def_readonly("reasons", &BatchRows::reasons)
+      .def_property_readonly("values",
+                             [](py::object self) {
+                               const auto& b = self.cast<BatchRows&>();
+                               return py::array_t<double>({static_cast<py::ssize_t>(b.reasons.size()),
+                                                           static_cast<py::ssize_t>(b.names.size())},
+                                                          b.values.data(), self);
+                             })
+      .def_property_readonly("states", [](py::object self) {
+        const auto& b = self.cast<BatchRows&>();
+        return py::array_t<double>(
+            {static_cast<py::ssize_t>(b.reasons.size()), static_cast<py::ssize_t>(b.n_states)}, b.states.data(),
+            self);
+      });
+}
+
+}  // namespace wiggers::python

@@ -1,0 +1,59 @@
+// What the parts of the Python module share: arrays without copies, progress, parameters, errors.
+#pragma once
+
+#include <pybind11/functional.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+#include <wiggers/core/errors.hpp>
+#include <wiggers/core/limit_cycle.hpp>
+#include <wiggers/core/quantity.hpp>
+#include <wiggers/core/sensitivity.hpp>
+#include <wiggers/core/table.hpp>
+
+namespace wiggers::python {
+
+namespace py = pybind11;
+using Array = py::array_t<double, py::array::c_style | py::array::forcecast>;
+using ProgressCall = std::function<void(int, double)>;  // beats done, distance
+
+// A NumPy array that owns a vector's memory: moved, not copied.
+py::array_t<double> owned(std::vector<double> values, std::vector<py::ssize_t> shape = {});
+// Reads an argument; refuses a wrong number of values and what is not finite, naming `what`.
+std::vector<double> vector_of(const Array& array, std::size_t size, const std::string& what);
+
+// Calls Python's signal handlers, so that Ctrl-C ends a long call: the interpreter's lock is taken for it.
+void check_signals();
+// After every beat: signals, then the caller's progress function if there is one.
+std::function<void(const LimitCycleCertificate&)> after_beat(const ProgressCall& progress);
+std::function<void(double)> after_pass(const std::function<void(double)>& progress);
+
+LimitCycleSettings cycle_settings(double distance, int max_beats, const std::string& method,
+                                  const LimitCycleSettings& base = {});
+
+// One sample of a batch: what became of it.
+struct BatchRows {
+  std::vector<std::string> names, units;  // of the outputs
+  std::vector<double> values;             // [sample][output], NaN where a sample has no such output
+  std::vector<std::string> reasons;       // empty: good; else why this sample has no result
+  std::vector<double> states;             // [sample][state] on the cycles, NaN where there is none
+  std::size_t n_states = 0;
+};
+// Solves n samples in threads; solve(k, values, state) fills one row. What it throws is the sample's reason.
+BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names, std::vector<std::string> units,
+                    std::size_t n_states,
+                    const std::function<void(std::size_t, double*, double*)>& solve,
+                    const std::function<void(double)>& progress);
+
+void bind_common(py::module_& m);
+void bind_cell(py::module_& m);
+void bind_force(py::module_& m);
+void bind_loop(py::module_& m);
+void bind_heart(py::module_& m);
+
+}  // namespace wiggers::python

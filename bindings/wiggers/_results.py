@@ -1,0 +1,241 @@
+"""What the models give back: traces, cycles, sensitivities, batches."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ._core import Certificate, Columns, InputError, SensitivityTable
+
+STATE_FORMAT = 1
+
+
+class StateMismatch(InputError):
+    """A saved state belongs to another model, or to other parameters."""
+
+
+class Trace:
+    """Named columns with units: `trace["V"]` is a view of the computed memory, nothing is copied."""
+
+    def __init__(self, columns: Columns, end_state: np.ndarray | None = None) -> None:
+        self._columns = columns
+        self.end_state = end_state
+
+    @property
+    def names(self) -> list[str]:
+        return self._columns.names
+
+    def unit(self, name: str) -> str:
+        return self._columns.unit(name)
+
+    def meaning(self, name: str) -> str:
+        return self._columns.meaning(name)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self._columns[name]
+
+    def __len__(self) -> int:
+        return len(self._columns)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.names
+
+    def __repr__(self) -> str:
+        return f"Trace of {len(self)} rows: {', '.join(self.names)}"
+
+    def to_pandas(self) -> Any:
+        """A data frame indexed by time; units are in `frame.attrs["units"]`."""
+        import pandas
+
+        time, *rest = self.names
+        frame = pandas.DataFrame({name: self[name] for name in rest}, index=pandas.Index(self[time], name=time))
+        frame.attrs["units"] = {name: self.unit(name) for name in self.names}
+        return frame
+
+    def to_xarray(self) -> Any:
+        """A dataset over time; every variable carries its unit and meaning."""
+        import xarray
+
+        time, *rest = self.names
+        return xarray.Dataset(
+            {n: (time, self[n], {"units": self.unit(n), "long_name": self.meaning(n)}) for n in rest},
+            coords={time: (time, self[time], {"units": self.unit(time)})},
+        )
+
+
+class Cycle:
+    """A limit cycle: the state at the beat's start, the certificate of the search, the indexes of its beat."""
+
+    def __init__(self, state: np.ndarray, certificate: Certificate, indexes: dict[str, float], model: str,
+                 parameters: dict[str, float]) -> None:
+        self.state = state
+        self.certificate = certificate
+        self.indexes = indexes
+        self.model = model
+        self.parameters = parameters
+
+    def __repr__(self) -> str:
+        return f"Cycle of {self.model}: {self.certificate}"
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the state with everything needed to recognise it (JSON); a kill leaves the old file or the new."""
+        c = self.certificate
+        content = {
+            "format": STATE_FORMAT,
+            "model": self.model,
+            "parameters": self.parameters,
+            "state": [float(x).hex() for x in self.state],
+            "certificate": {f: getattr(c, f) for f in ("verdict", "distance", "residual", "multiplier", "beats")},
+            "indexes": self.indexes,
+        }
+        target = Path(path)
+        beside = target.with_name(target.name + ".part")
+        beside.write_text(json.dumps(content, indent=1))
+        os.replace(beside, target)
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> Cycle:
+        try:
+            content = json.loads(Path(path).read_text())
+            if content["format"] != STATE_FORMAT:
+                raise StateMismatch(f"{path}: format {content['format']}, this version reads {STATE_FORMAT}")
+            state = np.array([float.fromhex(x) for x in content["state"]])
+            return Cycle(state, Certificate(**content["certificate"]), content["indexes"], content["model"],
+                         content["parameters"])
+        except (KeyError, TypeError, UnicodeDecodeError, json.JSONDecodeError) as error:
+            raise InputError(f"{path}: not a saved limit cycle ({error!r})") from None
+
+
+class Sensitivities:
+    """Derivatives of outputs by parameters: `s["LV.EDV_mL", "elastance.LV.EA"]`, or arrays and tables of them."""
+
+    def __init__(self, table: SensitivityTable, parameter_values: np.ndarray) -> None:
+        self._table = table
+        self.outputs: list[str] = table.outputs
+        self.output_units: list[str] = table.output_units
+        self.parameters: list[str] = table.parameters
+        self.parameter_units: list[str] = table.parameter_units
+        self.parameter_values = parameter_values
+
+    @property
+    def values(self) -> np.ndarray:
+        """Values of the outputs."""
+        return self._table.values
+
+    @property
+    def derivatives(self) -> np.ndarray:
+        """[output, parameter], in the output's unit per the parameter's."""
+        return self._table.derivatives
+
+    @property
+    def state_derivatives(self) -> np.ndarray:
+        """[state, parameter]: how the cycle's start moves (hearts: its circulation)."""
+        return self._table.state_derivatives
+
+    @property
+    def elasticities(self) -> np.ndarray:
+        """[output, parameter]: relative change of the output per relative change of the parameter; 0 where the
+        output is 0."""
+        values = np.where(self.values == 0, np.inf, self.values)
+        return self.derivatives * self.parameter_values[None, :] / values[:, None]
+
+    def _row(self, output: str) -> int:
+        return _position(self.outputs, output, "output")
+
+    def _column(self, parameter: str) -> int:
+        return _position(self.parameters, parameter, "parameter")
+
+    def __getitem__(self, key: tuple[str, str]) -> float:
+        output, parameter = key
+        return float(self.derivatives[self._row(output), self._column(parameter)])
+
+    def rows(self, outputs: list[str]) -> np.ndarray:
+        return self.derivatives[[self._row(o) for o in outputs], :]
+
+    def columns(self, parameters: list[str]) -> list[int]:
+        return [self._column(p) for p in parameters]
+
+    def strongest(self, output: str, count: int = 5) -> list[tuple[str, float]]:
+        """The parameters of largest elasticity for one output."""
+        row = self.elasticities[self._row(output)]
+        order = np.argsort(-np.abs(row))[:count]
+        return [(self.parameters[k], float(row[k])) for k in order]
+
+    def to_pandas(self) -> Any:
+        import pandas
+
+        return pandas.DataFrame(self.derivatives, index=self.outputs, columns=self.parameters)
+
+    def to_xarray(self) -> Any:
+        import xarray
+
+        return xarray.DataArray(self.derivatives, dims=("output", "parameter"),
+                                coords={"output": self.outputs, "parameter": self.parameters})
+
+    def __repr__(self) -> str:
+        return f"Sensitivities of {len(self.outputs)} outputs by {len(self.parameters)} parameters"
+
+
+class Batch:
+    """Outputs of many samples. A sample without a result has NaN in its row and its reason in `reasons`."""
+
+    def __init__(self, names: list[str], units: list[str], values: np.ndarray, states: np.ndarray,
+                 reasons: list[str], parameters: list[str], samples: np.ndarray) -> None:
+        self.names = names
+        self.units = units
+        self.values = values
+        self.states = states
+        self.reasons = reasons
+        self.parameters = parameters
+        self.samples = samples
+
+    @property
+    def good(self) -> np.ndarray:
+        """Which samples have a result."""
+        return np.array([not reason for reason in self.reasons], dtype=bool)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.values[:, _position(self.names, name, "output")]
+
+    def __len__(self) -> int:
+        return len(self.reasons)
+
+    def __repr__(self) -> str:
+        return f"Batch of {len(self)} samples, {int(self.good.sum())} good, {len(self.names)} outputs"
+
+    def to_pandas(self) -> Any:
+        import pandas
+
+        frame = pandas.DataFrame(self.samples, columns=self.parameters).join(
+            pandas.DataFrame(self.values, columns=self.names))
+        frame["reason"] = self.reasons
+        return frame
+
+    def to_xarray(self) -> Any:
+        import xarray
+
+        return xarray.Dataset(
+            {n: ("sample", self.values[:, k], {"units": self.units[k]}) for k, n in enumerate(self.names)},
+            coords={p: ("sample", self.samples[:, k]) for k, p in enumerate(self.parameters)})
+
+    @staticmethod
+    def join(parts: list[Batch]) -> Batch:
+        first = parts[0]
+        return Batch(first.names, first.units, np.concatenate([p.values for p in parts]),
+                     np.concatenate([p.states for p in parts]), [r for p in parts for r in p.reasons],
+                     first.parameters, np.concatenate([p.samples for p in parts]))
+
+
+def _position(names: list[str], name: str, kind: str) -> int:
+    try:
+        return names.index(name)
+    except ValueError:
+        import difflib
+
+        near = difflib.get_close_matches(name, names, 1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        raise InputError(f"unknown {kind} '{name}'{hint} Known: {', '.join(names)}") from None
