@@ -1,0 +1,59 @@
+"""A fit as one self-contained HTML page, in the style of the other reports."""
+
+from __future__ import annotations
+
+import html
+import importlib.util
+import os
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+import wiggers
+
+from ._fit import Fit
+
+
+def _page() -> ModuleType:
+    """The module of the result reports: its style and its tables."""
+    path = Path(wiggers.__file__).parent / "report" / "page.py"
+    spec = importlib.util.spec_from_file_location("wiggers_report_page", path)
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def write_report(fit: Fit, path: str | os.PathLike[str], title: str = "Calibration") -> Path:
+    """Writes the page: parameters with intervals, targets met and missed, what constrains what."""
+    page = _page()
+    explained = fit.explain()
+    free = fit.problem.free
+    parameters = []
+    for name, value in fit.parameters.items():
+        low, high = fit.intervals[name]
+        known = "not identified" if not np.isfinite(low) else f"{low:.5g} to {high:.5g}"
+        info = fit.problem.model.parameters.info(name)
+        flag = " <span class='flag'>at its bound</span>" if name in fit.at_bound else ""
+        parameters.append([f"{html.escape(name)}{flag}", f"{value:.6g}", known,
+                           f"{free[name].lower:g} to {free[name].upper:g}", html.escape(info.unit)])
+    targets = []
+    for target, output, residual in zip(fit.problem.targets, fit.point.outputs, fit.point.residuals, strict=True):
+        met = abs(residual) <= 2 * target.weight
+        targets.append([html.escape(target.name), f"{output:.5g}", html.escape(target.text),
+                        f"<span class='{'good' if met else 'flag'}'>{residual:+.2f}</span>"])
+    text = "".join([
+        "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
+        f"<title>{html.escape(title)}</title><style>{page.STYLE}</style></head><body><h1>{html.escape(title)}</h1>",
+        f"<p class='verdict'>{html.escape(fit.message)} Cost {fit.cost:.4g} after {fit.solves} limit cycles and "
+        f"{fit.gradients} gradients, {fit.seconds:.1f} s; {fit.failures} points without a limit cycle.</p>",
+        "<h2>Parameters</h2>",
+        page._table(["parameter", "value", "95 % interval", "bounds", "unit"], parameters),
+        "<h2>Targets</h2>", page._table(["output", "value", "wanted", "residual, sd"], targets),
+        "<h2>What is known, and what is not</h2>", f"<pre>{html.escape(str(explained))}</pre></body></html>"])
+    target_path = Path(path)
+    beside = target_path.with_name(target_path.name + ".part")
+    beside.write_text(text)
+    os.replace(beside, target_path)
+    return target_path
