@@ -12,10 +12,10 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
 
-PACKAGES := g++ cmake ninja-build git ca-certificates python3-venv \
+PACKAGES := g++ cmake ninja-build git ca-certificates python3-venv python3-dev \
   libeigen3-dev libsundials-dev libhdf5-dev libfmt-dev libboost-dev libtoml11-dev libcli11-dev \
   nlohmann-json3-dev catch2 libbenchmark-dev
-NIGHTLY_PACKAGES := clang-format libxsimd-dev
+NIGHTLY_PACKAGES := clang-format libxsimd-dev openmpi-bin
 BUILD := build
 PYTHON := .venv/bin/python
 JOBS := $(shell nproc)
@@ -42,14 +42,14 @@ packages:
 .venv/.ready: pyproject.toml | packages
 	@echo "setting up Python in .venv"
 	@[ -x $(PYTHON) ] || /usr/bin/python3 -m venv .venv
-	@$(PYTHON) -c "import tomllib; d = tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']; print('\n'.join(d['report'] + d['test']))" > .venv/requirements.txt
+	@$(PYTHON) -c "import tomllib; d = tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']; print('\n'.join(sum(d.values(), [])))" > .venv/requirements.txt
 	@.venv/bin/pip install --quiet --disable-pip-version-check -r .venv/requirements.txt
 	@touch $@
 
 setup: packages .venv/.ready
 
 $(BUILD)/build.ninja: CMakeLists.txt cmake/rooms.cmake | setup
-	@cmake --preset release -B $(BUILD) -DWIGGERS_PYTHON=$(CURDIR)/$(PYTHON) > $(BUILD).log || { cat $(BUILD).log; rm -f $(BUILD).log; exit 1; }
+	@cmake --preset release -B $(BUILD) -DWIGGERS_PYTHON=$(CURDIR)/$(PYTHON) -DWIGGERS_BINDINGS=ON > $(BUILD).log || { cat $(BUILD).log; rm -f $(BUILD).log; exit 1; }
 	@rm -f $(BUILD).log
 
 build: setup $(BUILD)/build.ninja

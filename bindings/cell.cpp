@@ -131,7 +131,7 @@ void bind_cell(py::module_& m) {
              std::vector<double> state = cell.state(near);
              {
                py::gil_scoped_release unlock;
-               state = refined_limit_cycle(cell.study, state);
+               state = refined_limit_cycle(cell.study, state, newton_at(cell.study, state));
              }
              return owned(std::move(state));
            },

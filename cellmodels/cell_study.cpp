@@ -229,18 +229,24 @@ LimitCycleCertificate to_limit_cycle(const CellStudy& study, std::vector<double>
   return find_limit_cycle(map, settings, state, after_beat);
 }
 
-std::vector<double> refined_limit_cycle(const CellStudy& study, std::vector<double> state) {
-  // Derivatives by the state alone; the parameters ride along without.
+FixedPointDerivatives newton_at(const CellStudy& study, std::vector<double> state) {
   require_charge_kept(study);
   hold_charge(study, state);
   const std::vector<double> values = values_of(study);
   return with_model(study, [&]<class Model>() {
-    const auto derivatives = fixed_point_derivatives(state, {}, [&](std::vector<Tangent> x, const std::vector<Tangent>&) {
+    return fixed_point_derivatives(state, {}, [&](std::vector<Tangent> x, const std::vector<Tangent>&) {
       beat_at<Model, Tangent>(study, {values.begin(), values.end()}).run(x.data(), [](const Tangent&, const Tangent*) {});
       return x;
     });
-    const auto beat = beat_at<Model, double>(study, values);
-    return refined_fixed_point(state, derivatives, [&](std::vector<double> x) {
+  });
+}
+
+std::vector<double> refined_limit_cycle(const CellStudy& study, std::vector<double> state,
+                                        const FixedPointDerivatives& newton) {
+  hold_charge(study, state);
+  return with_model(study, [&]<class Model>() {
+    const auto beat = beat_at<Model, double>(study, values_of(study));
+    return refined_fixed_point(state, newton, [&](std::vector<double> x) {
       beat.run(x.data(), [](double, const double*) {});
       return x;
     });

@@ -37,8 +37,11 @@ LimitCycleCertificate to_limit_cycle(const CellStudy& study, std::vector<double>
                                      LimitCycleSettings settings,
                                      const std::function<void(const LimitCycleCertificate&)>& after_beat = {});
 
-// A state near the cycle brought onto it, to rounding, by Newton with the beat map's exact derivatives.
-std::vector<double> refined_limit_cycle(const CellStudy& study, std::vector<double> state);
+// The beat map's exact derivatives by the state, and a state near the cycle brought onto it, to rounding, by
+// Newton with them; those of a neighbouring cycle do.
+FixedPointDerivatives newton_at(const CellStudy& study, std::vector<double> state);
+std::vector<double> refined_limit_cycle(const CellStudy& study, std::vector<double> state,
+                                        const FixedPointDerivatives& newton);
 
 struct NamedValue {
   std::string name, unit;

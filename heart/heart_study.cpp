@@ -211,9 +211,12 @@ void HeartStudy::set_parameters(std::span<const double> values) {
     check_range(list[k].quantity, values[k], list[k].name);
     if (values[k] == list[k].value) continue;
     overrides.push_back(fmt::format("{}={}", list[k].name, to_text(values[k])));
-    // The step divides the period into the same number of parts.
-    if (list[k].name == "heart.period_s")
-      overrides.push_back(fmt::format("solver.dt_s={}", to_text(values[k] * scene_.dt_s / scene_.period_s)));
+    // Steps and sub-steps divide the period into the same numbers of parts.
+    if (list[k].name == "heart.period_s") {
+      const double ratio = values[k] / scene_.period_s;
+      overrides.push_back(fmt::format("solver.dt_s={}", to_text(scene_.dt_s * ratio)));
+      overrides.push_back(fmt::format("solver.regulatory_substep_us={}", to_text(scene_.regulatory_substep_us * ratio)));
+    }
   }
   if (overrides.empty()) return;
   Scene changed = read_scene_text(text_, "scene", overrides);
@@ -259,7 +262,7 @@ void HeartStudy::solve_cells() {
       throw NumericalFailure(fmt::format("cells {}: {} at {} ms has no limit cycle: {} after {} beats", name,
                                          type.ionic->name, scene_.period_s * 1e3, to_string(certificate.verdict),
                                          certificate.beats));
-    cell.state = refined_limit_cycle(cell.study, cell.state);
+    cell.state = refined_limit_cycle(cell.study, cell.state, wiggers::newton_at(cell.study, cell.state));
     const PacedRows rows = paced_rows(cell.study, cell.state);
     cell.raw.t_ms = rows.t_ms;
     for (double value : rows.calcium_mM) cell.raw.calcium_uM.push_back(units::uM_per_mM * value);

@@ -1,0 +1,313 @@
+"""The Python package: parameters, cycles, sensitivities, batches, saved states, refusals, stubs."""
+
+import ast
+import importlib
+import os
+import pickle
+import resource
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+import wiggers
+
+ROOT = Path(os.environ["WIGGERS_ROOT"])
+PACKAGE = Path(wiggers.__file__).parent
+SCENE = str(ROOT / "scenes" / "elastance_healthy.toml")
+
+
+@pytest.fixture(scope="module")
+def loop():
+    return wiggers.Loop()
+
+
+@pytest.fixture(scope="module")
+def loop_cycle(loop):
+    return loop.to_limit_cycle(distance=1e-9)
+
+
+def test_every_stubbed_name_imports():
+    stub = PACKAGE / "_core.pyi"
+    assert (PACKAGE / "py.typed").exists()
+    names = {node.name for node in ast.parse(stub.read_text()).body if isinstance(node, ast.ClassDef | ast.FunctionDef)}
+    assert {"CellModel", "HeartModel", "InputError", "models"} <= names
+    core = importlib.import_module("wiggers._core")
+    for name in names:
+        assert hasattr(core, name), name
+    for module in ("wiggers", "wiggers.calibration"):
+        loaded = importlib.import_module(module)
+        for name in loaded.__all__:
+            assert hasattr(loaded, name), name
+
+
+def test_parameters_are_mapping_and_attributes(loop):
+    model = loop.copy()
+    p = model.parameters
+    assert len(p) == len(p.names) == len(p.array) == 46
+    info = p.info("elastance.LV.EA")
+    assert (info.unit, info.default, info.lower) == ("mmHg/mL", 2.75, 0) and "amplitude" in info.meaning
+    p.elastance.LV.EA = 3
+    assert p["elastance.LV.EA"] == p.elastance.LV.EA == 3
+    p.update({"elastance.LV.TC": 0.3, "elastance.LV.TR": 0.2})
+    assert p.to_pandas().loc["elastance.LV.TR", "value"] == 0.2
+    assert loop.parameters.elastance.LV.EA == 2.75  # the copy is a copy
+    # The blood volume stays when a compliance changes.
+    volume = p.initial.total_volume
+    p["circuit.SYS.C_VEN"] = 50
+    assert p.initial.total_volume == pytest.approx(volume, rel=1e-14)
+
+
+@pytest.mark.parametrize(("name", "value", "words"), [
+    ("elastance.LV.EX", 1, "did you mean 'elastance.LV.EA'"),
+    ("elastance.LV.EB", -1, "outside its range 1e-06 to 1000 mmHg/mL"),
+    ("elastance.LV.EA", float("nan"), "nan"),
+    ("elastance.LV.EA", "big", "is not a number"),
+    ("elastance.LV.TC", 0.7, "longer than the period"),
+])
+def test_parameters_refuse(loop, name, value, words):
+    model = loop.copy()
+    before = model.parameters.array
+    with pytest.raises(wiggers.InputError, match=words.replace("(", r"\(")):
+        model.parameters[name] = value
+    assert np.array_equal(model.parameters.array, before)
+
+
+@pytest.mark.parametrize("make", [
+    lambda: wiggers.Loop(), lambda: wiggers.Cell("ttp06-epi", dt_ms=0.1), lambda: wiggers.Cell("crn", dt_ms=0.1),
+])
+def test_rhs_and_jacobian(make):
+    model = make()
+    y = model.initial_state
+    jacobian = model.jacobian(0.3, y)
+    assert jacobian.shape == (len(y), len(y)) == (len(model.states),) * 2
+    for k in range(len(y)):
+        h = 1e-6 * max(abs(y[k]), 1e-3)
+        up, down = y.copy(), y.copy()
+        up[k] += h
+        down[k] -= h
+        quotient = (model.rhs(0.3, up) - model.rhs(0.3, down)) / (2 * h)
+        scale = np.abs(jacobian).max(axis=1) + 1e-9
+        assert np.all(np.abs(quotient - jacobian[:, k]) < 1e-4 * scale)
+
+
+def test_force():
+    force = wiggers.Force("fedele2023-ventricles")
+    tension, derivatives = force.force_calcium(np.array([0.2, 0.5]), 1.9)
+    for name in ("Kd0", "gamma", "a_XB", "r0"):
+        value, h = force.parameters[name], 1e-4
+        curves = []
+        for factor in (1 - h, 1 + h):
+            changed = force.copy()
+            changed.parameters[name] = value * factor
+            curves.append(changed.force_calcium(np.array([0.2, 0.5]), 1.9)[0])
+        quotient = (curves[1] - curves[0]) / (2 * h * value)
+        assert derivatives[:, force.parameters.names.index(name)] == pytest.approx(quotient, rel=1e-5)
+    t = np.linspace(0, 0.5, 501)
+    twitch = force.run(t, 0.1 + 0.6 * np.exp(-((t - 0.1) / 0.05) ** 2), 1.9)
+    assert 0 < twitch[0] < twitch.max() < 3 * tension[1]
+    assert force.jacobian(force.steady_state(0.3, 1.9), 0.3, 1.9).shape == (20, 20)
+    with pytest.raises(wiggers.InputError, match="does not increase"):
+        force.run(t[::-1], t, 1.9)
+    with pytest.raises(wiggers.InputError, match="nan"):
+        force.run(t, np.full_like(t, np.nan), 1.9)
+
+
+def test_cycle_and_trace(loop, loop_cycle):
+    assert loop_cycle.certificate.converged and loop_cycle.certificate.distance < 1e-9
+    trace = loop.run(2, loop_cycle)
+    assert trace["t_s"][-1] == pytest.approx(1.6) and len(trace) == 1601
+    assert trace["V_LV"].max() == pytest.approx(loop_cycle.indexes["LV.EDV_mL"], rel=1e-4)
+    assert trace.unit("p_LV") == "mmHg"
+    assert trace["V_LV"][800] == pytest.approx(trace["V_LV"][0], abs=1e-5)
+    frame, dataset = trace.to_pandas(), trace.to_xarray()
+    assert frame.attrs["units"]["V_LV"] == "mL" and dataset["V_LV"].attrs["units"] == "mL"
+    with pytest.raises(wiggers.InputError, match="unknown column 'V_LW'; did you mean"):
+        trace["V_LW"]
+
+
+def test_no_hidden_copies():
+    cell = wiggers.Cell("ttp06-endo")
+    trace = cell.run(1, sample_ms=1e-3, integrator="rush-larsen-2")  # a million rows, 21 columns
+    assert len(trace) == 1_000_001
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    views = [trace[name] for name in trace.names]
+    assert sum(v.nbytes for v in views) > 1.6e8
+    assert all(not v.flags.owndata for v in views)
+    address = views[1].__array_interface__["data"][0]
+    assert trace["V"].__array_interface__["data"][0] == address
+    del trace
+    assert np.isfinite(views[1]).all()  # the views keep the memory
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 20_000  # kB
+
+
+def test_saved_states(loop, loop_cycle, tmp_path):
+    path = tmp_path / "cycle.json"
+    loop_cycle.save(path)
+    again = loop.load(path)
+    assert np.array_equal(again.state, loop_cycle.state) and again.indexes == loop_cycle.indexes
+    other = loop.copy()
+    other.parameters.elastance.LV.EA = 2.8
+    with pytest.raises(wiggers.StateMismatch, match="elastance.LV.EA = 2.75 there, 2.8 here"):
+        other.load(path)
+    warm = other.to_limit_cycle(wiggers.Cycle.load(path))
+    assert warm.certificate.beats <= loop_cycle.certificate.beats
+    with pytest.raises(wiggers.StateMismatch, match="saved by loop"):
+        wiggers.Cell("crn").load(path)
+    path.write_text(path.read_text()[:100])
+    with pytest.raises(wiggers.InputError, match="not a saved limit cycle"):
+        loop.load(path)
+
+
+def test_sensitivities_and_warm_start(loop, loop_cycle):
+    table = loop.sensitivities(loop_cycle)
+    assert table.derivatives.shape == (75, 46)
+    changed = loop.copy()
+    changed.parameters.circuit.SYS.R_AR *= 1.001
+    moved = changed.to_limit_cycle(distance=1e-9).indexes["aorta.pressure_max_mmHg"]
+    slope = (moved - loop_cycle.indexes["aorta.pressure_max_mmHg"]) / (0.001 * loop.parameters.circuit.SYS.R_AR)
+    assert table["aorta.pressure_max_mmHg", "circuit.SYS.R_AR"] == pytest.approx(slope, rel=1e-2)
+    assert table.to_pandas().shape == table.to_xarray().shape == (75, 46)
+    assert len(table.strongest("LV.EF_percent", 3)) == 3
+    with pytest.raises(wiggers.InputError, match="unknown output 'LV.EDV'"):
+        table["LV.EDV", "circuit.SYS.R_AR"]
+
+
+def test_heart(tmp_path):
+    heart = wiggers.Heart(SCENE)
+    cycle = heart.to_limit_cycle()
+    assert cycle.certificate.converged
+    trace = heart.run(start=cycle)
+    assert {"t_s", "V_LV", "p_LV", "Q_AV"} <= set(trace.names)
+    table = heart.sensitivities(cycle, ["walls.LV.EA", "circulation.circuit.SYS.R_AR"])
+    assert table.derivatives.shape[1] == 2
+    heart.parameters["walls.LV.EA"] *= 1.01
+    assert "EA" in heart.text
+    batch = heart.batch({"walls.LV.EA": [2.0, -1.0, 3.0]}, near=cycle)
+    assert list(batch.good) == [True, False, True] and "outside its range" in batch.reasons[1]
+    with pytest.raises(wiggers.InputError, match="elastance_missing.toml"):
+        wiggers.Heart(str(tmp_path / "elastance_missing.toml"))
+
+
+def test_cell_without_cycle():
+    cell = wiggers.Cell("ttp06-epi", dt_ms=0.1, period_ms=150)
+    with pytest.raises(wiggers.NumericalFailure, match="no limit cycle of one beat"):
+        cell.to_limit_cycle(max_beats=60)
+    assert "APD90_ms" in wiggers.Cell("ttp06-epi", dt_ms=0.1).to_limit_cycle().indexes
+
+
+def test_batch_is_the_same_one_by_one(loop, loop_cycle):
+    samples = {"elastance.LV.EA": np.linspace(2, 4, 7), "circuit.SYS.R_AR": np.linspace(0.5, 1.1, 7)}
+    batch = loop.batch(samples, distance=1e-9, threads=2)
+    assert batch.good.all()
+    for k in range(7):
+        one = loop.copy()
+        one.parameters.update({n: v[k] for n, v in samples.items()})
+        indexes = one.to_limit_cycle(distance=1e-9).indexes
+        assert batch["LV.EDV_mL"][k] == pytest.approx(indexes["LV.EDV_mL"], rel=1e-7)
+    assert batch.to_pandas().shape[0] == batch.to_xarray().sizes["sample"] == 7
+
+
+def test_a_bad_sample_does_not_stop_a_batch(loop):
+    batch = loop.batch({"elastance.LV.EA": [2.75, 1e9, 2.75], "elastance.LV.TC": [0.272, 0.272, 0.79]})
+    assert list(batch.good) == [True, False, False]
+    assert "outside its range" in batch.reasons[1] and "longer than the period" in batch.reasons[2]
+    assert np.isnan(batch["LV.EDV_mL"][1:]).all()
+    with pytest.raises(wiggers.InputError, match="did you mean"):
+        loop.batch({"elastance.LV.EAA": [1.0]})
+    with pytest.raises(wiggers.InputError, match="shape"):
+        loop.batch(np.ones((3, 2)), ["elastance.LV.EA"])
+    with pytest.raises(wiggers.InputError, match="one length"):
+        loop.batch({"elastance.LV.EA": [1.0, 2.0], "elastance.LV.EB": [1.0, 2.0, 3.0]})
+
+
+def test_cell_batch():
+    cell = wiggers.Cell("ttp06-endo", dt_ms=0.1)
+    cycle = cell.to_limit_cycle()
+    batch = cell.batch({"g_Kr": np.array([0.8, 1.0, 1.2]) * cell.parameters.g_Kr}, near=cycle)
+    assert batch.good.all() and np.all(np.diff(batch["APD90_ms"]) < 0)
+    assert batch["APD90_ms"][1] == pytest.approx(cycle.indexes["APD90_ms"], rel=1e-4)
+
+
+def test_executors(loop):
+    samples = {"elastance.LV.EA": np.linspace(2, 4, 6)}
+    here = loop.batch(samples, distance=1e-9)
+    with ProcessPoolExecutor(2) as pool:
+        there = loop.batch(samples, executor=pool, chunk=2, distance=1e-9)
+    assert np.allclose(here.values, there.values, rtol=1e-12, equal_nan=True)
+    distributed = pytest.importorskip("dask.distributed")
+    with distributed.Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
+        there = loop.batch(samples, executor=client.get_executor(), chunk=3, distance=1e-9)
+    assert np.allclose(here.values, there.values, rtol=1e-12, equal_nan=True)
+
+
+def test_models_pickle():
+    for model in (wiggers.Loop(changes={"elastance.LV.EA": 3.1}), wiggers.Cell("crn", g_Na=8.0),
+                  wiggers.Heart(SCENE, set={"walls.LV.EA": 2.2})):
+        again = pickle.loads(pickle.dumps(model))
+        assert np.array_equal(again.parameters.array, model.parameters.array)
+
+
+def test_progress_is_called_and_may_stop(loop):
+    seen = []
+    loop.to_limit_cycle(progress=lambda beats, distance: seen.append(beats))
+    assert seen == list(range(1, len(seen) + 1))
+
+    class Enough(Exception):
+        pass
+
+    def stop(beats, distance):
+        raise Enough
+
+    with pytest.raises(Enough):
+        loop.to_limit_cycle(progress=stop)
+    assert loop.to_limit_cycle().certificate.converged  # still usable
+
+
+def test_threads_run_beside(loop):
+    """The interpreter's lock is free during runs: two threads of Python both get on."""
+    ticks = []
+    done = threading.Event()
+
+    def tick():
+        while not done.is_set():
+            ticks.append(time.perf_counter())
+            time.sleep(0.001)
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    begun = time.perf_counter()
+    loop.batch({"elastance.LV.EA": np.linspace(2, 4, 100)}, threads=1)
+    spent = time.perf_counter() - begun
+    done.set()
+    thread.join()
+    assert len(ticks) > 20 * spent
+
+
+def test_interrupt_leaves_a_usable_object():
+    program = """
+import os, signal, sys, threading, time, wiggers
+cell = wiggers.Cell("crn", dt_ms=0.02)
+threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+try:
+    cell.to_limit_cycle(distance=1e-13)
+except KeyboardInterrupt:
+    print("interrupted", cell.run(1)["V"].max() > 0)
+"""
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False)
+    assert result.stdout.strip() == "interrupted True", result.stderr
+
+
+def test_report_from_python(tmp_path):
+    command = os.environ["WIGGERS"]
+    result = tmp_path / "run.h5"
+    subprocess.run([command, "run", SCENE, "-o", str(result), "--quiet"], check=True, capture_output=True)
+    subprocess.run([sys.executable, "-m", "wiggers", "report", str(result), "-o", str(tmp_path / "report")], check=True)
+    assert (tmp_path / "report" / "index.html").stat().st_size > 10_000
+    refused = subprocess.run([sys.executable, "-m", "wiggers", "report", "nothing.h5"], capture_output=True, text=True,
+                             check=False)
+    assert refused.returncode == 2 and "no such file" in refused.stderr
