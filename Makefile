@@ -77,6 +77,13 @@ nightly: setup
 	@for seed in 2 3 4; do for s in crn ttp06-epi rdq20 loop; do \
 	  $(BUILD)/wiggers extremes $$s --quiet --beats 1 --seed $$seed > $(BUILD)/extremes.log || { cat $(BUILD)/extremes.log; exit 1; }; done; done
 	@WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) WIGGERS_REFERENCE=none $(PYTHON) -m pytest -q -p no:cacheprovider tests/python/fuzz_scenes.py
+	@$(BUILD)/test_heart "[.nightly]"
+	@WIGGERS_NIGHTLY=1 WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) PYTHONPATH=$(CURDIR)/$(BUILD)/python \
+	  $(PYTHON) -m pytest -q -s -p no:cacheprovider tests/python/test_calibration.py -k intervals
+	@$(PYTHON) -m pip install --quiet mpi4py && PYTHONPATH=$(CURDIR)/$(BUILD)/python \
+	  mpirun --allow-run-as-root --oversubscribe -n 2 $(PYTHON) -m mpi4py.futures tests/python/batch_over_mpi.py
+	@rm -rf $(BUILD)/wheel-test && /usr/bin/python3 -m venv $(BUILD)/wheel-test && $(BUILD)/wheel-test/bin/pip install --quiet . && \
+	  cd $(BUILD) && wheel-test/bin/python -c "import wiggers; print(wiggers.Loop().to_limit_cycle())"
 	@$(BUILD)/bench_cells
 	@$(BUILD)/bench_heart
 

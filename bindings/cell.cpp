@@ -55,178 +55,195 @@ void bind_cell(py::module_& m) {
            }),
            py::arg("model"), py::arg("set"))
       .def("copy", [](const CellModelOfPython& cell) { return CellModelOfPython(cell); })
-      .def_property_readonly("name", [](const CellModelOfPython& cell) { return std::string(cell.study.model->name); })
-      .def_property_readonly("title", [](const CellModelOfPython& cell) { return std::string(cell.study.model->title); })
-      .def_property_readonly("source", [](const CellModelOfPython& cell) { return std::string(cell.study.model->source); })
+      .def_property_readonly(
+          "name", [](const CellModelOfPython& cell) { return std::string(cell.study.model->name); })
+      .def_property_readonly(
+          "title", [](const CellModelOfPython& cell) { return std::string(cell.study.model->title); })
+      .def_property_readonly(
+          "source", [](const CellModelOfPython& cell) { return std::string(cell.study.model->source); })
       .def("parameters", [](const CellModelOfPython& cell) { return cell_study_parameters(cell.study); })
-      .def("set_parameters",
-           [](CellModelOfPython& cell, const Array& values) {
-             set_cell_study_parameters(cell.study,
-                                       vector_of(values, cell_study_parameters(cell.study).size(), "values"));
-           },
-           py::arg("values"))
-      .def("set_parameter",
-           [](CellModelOfPython& cell, const std::string& name, double value) {
-             set_cell_study_parameter(cell.study, name, value);
-           },
-           py::arg("name"), py::arg("value"))
-      .def("set_integrator",
-           [](CellModelOfPython& cell, const std::string& name, double dt_ms) {
-             CellStudy changed = cell.study;
-             changed.integrator = name;
-             changed.dt_ms = dt_ms;
-             (void)cell_indexes(changed, changed.model->default_state());  // refuses names it does not know
-             check_protocol(*changed.model, changed.protocol, {name, 1e-8, 1e-10, dt_ms});
-             cell.study = changed;
-           },
-           py::arg("name"), py::arg("dt_ms"))
-      .def("state_names",
-           [](const CellModelOfPython& cell) { return names_of(cell.study.model->states); })
+      .def(
+          "set_parameters",
+          [](CellModelOfPython& cell, const Array& values) {
+            set_cell_study_parameters(cell.study,
+                                      vector_of(values, cell_study_parameters(cell.study).size(), "values"));
+          },
+          py::arg("values"))
+      .def(
+          "set_parameter",
+          [](CellModelOfPython& cell, const std::string& name, double value) {
+            set_cell_study_parameter(cell.study, name, value);
+          },
+          py::arg("name"), py::arg("value"))
+      .def(
+          "set_integrator",
+          [](CellModelOfPython& cell, const std::string& name, double dt_ms) {
+            CellStudy changed = cell.study;
+            changed.integrator = name;
+            changed.dt_ms = dt_ms;
+            (void)cell_indexes(changed, changed.model->default_state());  // refuses names it does not know
+            check_protocol(*changed.model, changed.protocol, {name, 1e-8, 1e-10, dt_ms});
+            cell.study = changed;
+          },
+          py::arg("name"), py::arg("dt_ms"))
+      .def("state_names", [](const CellModelOfPython& cell) { return names_of(cell.study.model->states); })
       .def("state_units",
            [](const CellModelOfPython& cell) {
              std::vector<std::string> units;
              for (const Quantity& q : cell.study.model->states) units.emplace_back(q.unit);
              return units;
            })
-      .def("index_names", [](const CellModelOfPython& cell) { return cell_index_names(*cell.study.model).first; })
+      .def("index_names",
+           [](const CellModelOfPython& cell) { return cell_index_names(*cell.study.model).first; })
       .def("initial_state", [](const CellModelOfPython& cell) { return owned(start_of(cell.study)); })
       .def("fingerprint",
            [](const CellModelOfPython& cell) { return cell.study.model->fingerprint(cell.study.parameters); })
-      .def("rhs",
-           [](const CellModelOfPython& cell, double t, const Array& y) {
-             const auto state = vector_of(y, cell.n_states(), "y");
-             std::vector<double> rates(state.size());
-             const double current[1] = {cell.stimulus(t)};
-             cell.study.model->evaluate(state.data(), current, cell.study.parameters.data(), rates.data(), nullptr);
-             return owned(std::move(rates));
-           },
-           py::arg("t"), py::arg("y"))
-      .def("jacobian",
-           [](const CellModelOfPython& cell, double t, const Array& y) {
-             const auto state = vector_of(y, cell.n_states(), "y");
-             const std::size_t n = state.size();
-             std::vector<double> columns(n * n), rows(n * n);
-             const double current[1] = {cell.stimulus(t)};
-             cell.study.model->jacobian(state.data(), current, cell.study.parameters.data(), columns.data());
-             for (std::size_t i = 0; i < n; ++i)
-               for (std::size_t j = 0; j < n; ++j) rows[i * n + j] = columns[i + n * j];
-             return owned(std::move(rows), {static_cast<py::ssize_t>(n), static_cast<py::ssize_t>(n)});
-           },
-           py::arg("t"), py::arg("y"))
-      .def("to_limit_cycle",
-           [](const CellModelOfPython& cell, std::optional<Array> near, double distance, int max_beats,
-              const std::string& method, const ProgressCall& progress) {
-             std::vector<double> state = near ? cell.state(*near) : start_of(cell.study);
-             const LimitCycleSettings settings = cycle_settings(distance, max_beats, method);
-             LimitCycleCertificate certificate;
-             {
-               py::gil_scoped_release unlock;
-               certificate = to_limit_cycle(cell.study, state, settings, after_beat(progress));
-             }
-             return py::make_tuple(owned(std::move(state)), certificate);
-           },
-           py::arg("near"), py::arg("distance"), py::arg("max_beats"), py::arg("method"), py::arg("progress"))
-      .def("refined",
-           [](const CellModelOfPython& cell, const Array& near) {
-             std::vector<double> state = cell.state(near);
-             {
-               py::gil_scoped_release unlock;
-               state = refined_limit_cycle(cell.study, state, newton_at(cell.study, state));
-             }
-             return owned(std::move(state));
-           },
-           py::arg("near"))
-      .def("run",
-           [](const CellModelOfPython& cell, const Array& start, int beats, double sample_ms,
-              const std::string& integrator, double rtol, double atol, const ProgressCall& progress) {
-             std::vector<double> state = cell.state(start);
-             auto table = std::make_shared<Table>();
-             table->add("t_ms", "ms", "time");
-             for (const Quantity& q : cell.study.model->states)
-               table->add(std::string(q.name), std::string(q.unit), std::string(q.meaning));
-             table->add("stimulus_A_per_F", "A/F", "stimulus current");
-             if (!(sample_ms >= 1e-4 && sample_ms <= cell.study.protocol.period_ms))
-               throw InputError(fmt::format("sample_ms = {} is outside 1e-4 to the period", sample_ms));
-             PacedCell paced(*cell.study.model, cell.study.parameters, cell.study.protocol,
-                             {integrator, rtol, atol, cell.study.dt_ms});
-             {
-               py::gil_scoped_release unlock;
-               for (int beat = 0; beat < beats; ++beat) {
-                 // The end of a beat is the start of the next.
-                 if (beat > 0)
-                   for (Column& column : table->columns) column.values.pop_back();
-                 paced.beat(state, sample_ms, [&](double t, const double* y, double current) {
-                   std::size_t c = 0;
-                   table->columns[c++].values.push_back(beat * cell.study.protocol.period_ms + t);
-                   for (std::size_t i = 0; i < cell.n_states(); ++i) table->columns[c++].values.push_back(y[i]);
-                   table->columns[c].values.push_back(current);
-                 });
-                 after_beat(progress)({LimitCycleVerdict::running, 0, 0, 0, beat + 1});
-               }
-             }
-             return py::make_tuple(table, owned(std::move(state)));
-           },
-           py::arg("start"), py::arg("beats"), py::arg("sample_ms"), py::arg("integrator"), py::arg("rtol"),
-           py::arg("atol"), py::arg("progress"))
-      .def("indexes",
-           [](const CellModelOfPython& cell, const Array& start) {
-             std::vector<std::pair<std::string, double>> list;
-             for (const NamedValue& value : cell_indexes(cell.study, cell.state(start)))
-               list.push_back({value.name, value.value});
-             return list;
-           },
-           py::arg("start"))
-      .def("sensitivities",
-           [](const CellModelOfPython& cell, const Array& on_cycle, const std::function<void(double)>& progress) {
-             const std::vector<double> state = cell.state(on_cycle);
-             py::gil_scoped_release unlock;
-             return cell_sensitivities(cell.study, state, after_pass(progress));
-           },
-           py::arg("on_cycle"), py::arg("progress"))
-      .def("batch",
-           [](const CellModelOfPython& cell, const std::vector<std::string>& names, const Array& samples,
-              std::optional<Array> near, double distance, int max_beats, int threads,
-              const std::function<void(double)>& progress) {
-             const std::size_t n = static_cast<std::size_t>(samples.shape(0)), k = names.size();
-             auto [indexes, units] = cell_index_names(*cell.study.model);
-             std::vector<Quantity> known;
-             std::vector<double> base;
-             for (const NamedParameter& p : cell_study_parameters(cell.study)) {
-               known.push_back(p.quantity);
-               base.push_back(p.value);
-             }
-             std::vector<std::size_t> position;
-             for (const std::string& name : names) position.push_back(require_index(known, "parameter", name));
-             std::vector<double> start;
-             if (near) start = cell.state(*near);
-             const LimitCycleSettings settings = cycle_settings(distance, max_beats, "anderson");
-             const std::vector<std::string> order = indexes;
-             const double* values = samples.data();
-             py::gil_scoped_release unlock;
-             return run_batch(
-                 n, threads, indexes, units, cell.n_states(),
-                 [&](std::size_t sample, double* out, double* state) {
-                   std::vector<double> all = base;
-                   for (std::size_t j = 0; j < k; ++j) all[position[j]] = values[sample * k + j];
-                   CellStudy study = cell.study;
-                   set_cell_study_parameters(study, all);
-                   std::vector<double> y = near ? start : start_of(study);
-                   const auto certificate = to_limit_cycle(study, y, settings);
-                   if (certificate.verdict != LimitCycleVerdict::period_1)
-                     throw NumericalFailure(fmt::format("no limit cycle: {} after {} beats, distance {:.2g}",
-                                                        to_string(certificate.verdict), certificate.beats,
-                                                        certificate.distance));
-                   std::size_t next = 0;
-                   for (const NamedValue& value : cell_indexes(study, y)) {
-                     while (order[next] != value.name) ++next;
-                     out[next++] = value.value;
-                   }
-                   std::copy(y.begin(), y.end(), state);
-                 },
-                 progress);
-           },
-           py::arg("names"), py::arg("samples"), py::arg("near"), py::arg("distance"), py::arg("max_beats"),
-           py::arg("threads"), py::arg("progress"));
+      .def(
+          "rhs",
+          [](const CellModelOfPython& cell, double t, const Array& y) {
+            const auto state = vector_of(y, cell.n_states(), "y");
+            std::vector<double> rates(state.size());
+            const double current[1] = {cell.stimulus(t)};
+            cell.study.model->evaluate(state.data(), current, cell.study.parameters.data(), rates.data(),
+                                       nullptr);
+            return owned(std::move(rates));
+          },
+          py::arg("t"), py::arg("y"))
+      .def(
+          "jacobian",
+          [](const CellModelOfPython& cell, double t, const Array& y) {
+            const auto state = vector_of(y, cell.n_states(), "y");
+            const std::size_t n = state.size();
+            std::vector<double> columns(n * n), rows(n * n);
+            const double current[1] = {cell.stimulus(t)};
+            cell.study.model->jacobian(state.data(), current, cell.study.parameters.data(), columns.data());
+            for (std::size_t i = 0; i < n; ++i)
+              for (std::size_t j = 0; j < n; ++j) rows[i * n + j] = columns[i + n * j];
+            return owned(std::move(rows), {static_cast<py::ssize_t>(n), static_cast<py::ssize_t>(n)});
+          },
+          py::arg("t"), py::arg("y"))
+      .def(
+          "to_limit_cycle",
+          [](const CellModelOfPython& cell, std::optional<Array> near, double distance, int max_beats,
+             const std::string& method, const ProgressCall& progress) {
+            std::vector<double> state = near ? cell.state(*near) : start_of(cell.study);
+            const LimitCycleSettings settings = cycle_settings(distance, max_beats, method);
+            LimitCycleCertificate certificate;
+            {
+              py::gil_scoped_release unlock;
+              certificate = to_limit_cycle(cell.study, state, settings, after_beat(progress));
+            }
+            return py::make_tuple(owned(std::move(state)), certificate);
+          },
+          py::arg("near"), py::arg("distance"), py::arg("max_beats"), py::arg("method"), py::arg("progress"))
+      .def(
+          "refined",
+          [](const CellModelOfPython& cell, const Array& near) {
+            std::vector<double> state = cell.state(near);
+            {
+              py::gil_scoped_release unlock;
+              state = refined_limit_cycle(cell.study, state, newton_at(cell.study, state));
+            }
+            return owned(std::move(state));
+          },
+          py::arg("near"))
+      .def(
+          "run",
+          [](const CellModelOfPython& cell, const Array& start, int beats, double sample_ms,
+             const std::string& integrator, double rtol, double atol, const ProgressCall& progress) {
+            std::vector<double> state = cell.state(start);
+            auto table = std::make_shared<Table>();
+            table->add("t_ms", "ms", "time");
+            for (const Quantity& q : cell.study.model->states)
+              table->add(std::string(q.name), std::string(q.unit), std::string(q.meaning));
+            table->add("stimulus_A_per_F", "A/F", "stimulus current");
+            if (!(sample_ms >= 1e-4 && sample_ms <= cell.study.protocol.period_ms))
+              throw InputError(fmt::format("sample_ms = {} is outside 1e-4 to the period", sample_ms));
+            PacedCell paced(*cell.study.model, cell.study.parameters, cell.study.protocol,
+                            {integrator, rtol, atol, cell.study.dt_ms});
+            {
+              py::gil_scoped_release unlock;
+              for (int beat = 0; beat < beats; ++beat) {
+                // The end of a beat is the start of the next.
+                if (beat > 0)
+                  for (Column& column : table->columns) column.values.pop_back();
+                paced.beat(state, sample_ms, [&](double t, const double* y, double current) {
+                  std::size_t c = 0;
+                  table->columns[c++].values.push_back(beat * cell.study.protocol.period_ms + t);
+                  for (std::size_t i = 0; i < cell.n_states(); ++i)
+                    table->columns[c++].values.push_back(y[i]);
+                  table->columns[c].values.push_back(current);
+                });
+                after_beat(progress)({LimitCycleVerdict::running, 0, 0, 0, beat + 1});
+              }
+            }
+            return py::make_tuple(table, owned(std::move(state)));
+          },
+          py::arg("start"), py::arg("beats"), py::arg("sample_ms"), py::arg("integrator"), py::arg("rtol"),
+          py::arg("atol"), py::arg("progress"))
+      .def(
+          "indexes",
+          [](const CellModelOfPython& cell, const Array& start) {
+            std::vector<std::pair<std::string, double>> list;
+            for (const NamedValue& value : cell_indexes(cell.study, cell.state(start)))
+              list.push_back({value.name, value.value});
+            return list;
+          },
+          py::arg("start"))
+      .def(
+          "sensitivities",
+          [](const CellModelOfPython& cell, const Array& on_cycle,
+             const std::function<void(double)>& progress) {
+            const std::vector<double> state = cell.state(on_cycle);
+            py::gil_scoped_release unlock;
+            return cell_sensitivities(cell.study, state, after_pass(progress));
+          },
+          py::arg("on_cycle"), py::arg("progress"))
+      .def(
+          "batch",
+          [](const CellModelOfPython& cell, const std::vector<std::string>& names, const Array& samples,
+             std::optional<Array> near, double distance, int max_beats, int threads,
+             const std::function<void(double)>& progress) {
+            const std::size_t n = static_cast<std::size_t>(samples.shape(0)), k = names.size();
+            auto [indexes, units] = cell_index_names(*cell.study.model);
+            std::vector<Quantity> known;
+            std::vector<double> base;
+            for (const NamedParameter& p : cell_study_parameters(cell.study)) {
+              known.push_back(p.quantity);
+              base.push_back(p.value);
+            }
+            std::vector<std::size_t> position;
+            for (const std::string& name : names) position.push_back(require_index(known, "parameter", name));
+            std::vector<double> start;
+            if (near) start = cell.state(*near);
+            const LimitCycleSettings settings = cycle_settings(distance, max_beats, "anderson");
+            const std::vector<std::string> order = indexes;
+            const double* values = samples.data();
+            py::gil_scoped_release unlock;
+            return run_batch(
+                n, threads, indexes, units, cell.n_states(),
+                [&](std::size_t sample, double* out, double* state) {
+                  std::vector<double> all = base;
+                  for (std::size_t j = 0; j < k; ++j) all[position[j]] = values[sample * k + j];
+                  CellStudy study = cell.study;
+                  set_cell_study_parameters(study, all);
+                  std::vector<double> y = near ? start : start_of(study);
+                  const auto certificate = to_limit_cycle(study, y, settings);
+                  if (certificate.verdict != LimitCycleVerdict::period_1)
+                    throw NumericalFailure(fmt::format("no limit cycle: {} after {} beats, distance {:.2g}",
+                                                       to_string(certificate.verdict), certificate.beats,
+                                                       certificate.distance));
+                  std::size_t next = 0;
+                  for (const NamedValue& value : cell_indexes(study, y)) {
+                    while (order[next] != value.name) ++next;
+                    out[next++] = value.value;
+                  }
+                  std::copy(y.begin(), y.end(), state);
+                },
+                progress);
+          },
+          py::arg("names"), py::arg("samples"), py::arg("near"), py::arg("distance"), py::arg("max_beats"),
+          py::arg("threads"), py::arg("progress"));
 }
 
 }  // namespace wiggers::python

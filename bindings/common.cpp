@@ -21,12 +21,14 @@ py::array_t<double> owned(std::vector<double> values, std::vector<py::ssize_t> s
 std::vector<double> vector_of(const Array& array, std::size_t size, const std::string& what) {
   if (array.ndim() != 1 || static_cast<std::size_t>(array.size()) != size) {
     std::string shape;
-    for (py::ssize_t i = 0; i < array.ndim(); ++i) shape += fmt::format("{}{}", i ? ", " : "", array.shape(i));
+    for (py::ssize_t i = 0; i < array.ndim(); ++i)
+      shape += fmt::format("{}{}", i ? ", " : "", array.shape(i));
     throw InputError(fmt::format("{} has shape ({}), wanted is ({},)", what, shape, size));
   }
   std::vector<double> values(array.data(), array.data() + array.size());
   for (std::size_t i = 0; i < values.size(); ++i)
-    if (!std::isfinite(values[i])) throw InputError(fmt::format("{}[{}] = {} is not finite", what, i, values[i]));
+    if (!std::isfinite(values[i]))
+      throw InputError(fmt::format("{}[{}] = {} is not finite", what, i, values[i]));
   return values;
 }
 
@@ -66,10 +68,12 @@ LimitCycleSettings cycle_settings(double distance, int max_beats, const std::str
   return settings;
 }
 
-BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names, std::vector<std::string> units,
-                    std::size_t n_states, const std::function<void(std::size_t, double*, double*)>& solve,
+BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names,
+                    std::vector<std::string> units, std::size_t n_states,
+                    const std::function<void(std::size_t, double*, double*)>& solve,
                     const std::function<void(double)>& progress) {
-  if (threads < 1 || threads > 1024) throw InputError(fmt::format("threads = {} is outside 1 to 1024", threads));
+  if (threads < 1 || threads > 1024)
+    throw InputError(fmt::format("threads = {} is outside 1 to 1024", threads));
   BatchRows rows;
   rows.names = std::move(names);
   rows.units = std::move(units);
@@ -112,7 +116,8 @@ BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names, 
       check_signals();
       if (progress) {
         py::gil_scoped_acquire lock;
-        progress(static_cast<double>(std::min(n, next.load())) / static_cast<double>(std::max<std::size_t>(1, n)));
+        progress(static_cast<double>(std::min(n, next.load())) /
+                 static_cast<double>(std::max<std::size_t>(1, n)));
       }
     } catch (...) {
       failure = std::current_exception();
@@ -137,7 +142,8 @@ void bind_common(py::module_& m) {
       .def_readonly("name", &NamedParameter::name)
       .def_readonly("value", &NamedParameter::value)
       .def_property_readonly("unit", [](const NamedParameter& p) { return std::string(p.quantity.unit); })
-      .def_property_readonly("meaning", [](const NamedParameter& p) { return std::string(p.quantity.meaning); })
+      .def_property_readonly("meaning",
+                             [](const NamedParameter& p) { return std::string(p.quantity.meaning); })
       .def_property_readonly("default", [](const NamedParameter& p) { return p.quantity.default_value; })
       .def_property_readonly("lower", [](const NamedParameter& p) { return p.quantity.lower; })
       .def_property_readonly("upper", [](const NamedParameter& p) { return p.quantity.upper; })
@@ -147,35 +153,44 @@ void bind_common(py::module_& m) {
       });
 
   py::class_<LimitCycleCertificate>(m, "Certificate", "How close to the limit cycle a search ended.")
-      .def(py::init([](const std::string& verdict, double distance, double residual, double multiplier, int beats) {
+      .def(py::init([](const std::string& verdict, double distance, double residual, double multiplier,
+                       int beats) {
              LimitCycleCertificate c{LimitCycleVerdict::running, distance, residual, multiplier, beats};
-             for (auto v : {LimitCycleVerdict::running, LimitCycleVerdict::period_1, LimitCycleVerdict::period_2,
-                            LimitCycleVerdict::drifting, LimitCycleVerdict::not_converged})
+             for (auto v :
+                  {LimitCycleVerdict::running, LimitCycleVerdict::period_1, LimitCycleVerdict::period_2,
+                   LimitCycleVerdict::drifting, LimitCycleVerdict::not_converged})
                if (to_string(v) == verdict) c.verdict = v;
              return c;
            }),
-           py::arg("verdict"), py::arg("distance"), py::arg("residual"), py::arg("multiplier"), py::arg("beats"))
+           py::arg("verdict"), py::arg("distance"), py::arg("residual"), py::arg("multiplier"),
+           py::arg("beats"))
       .def_property_readonly("verdict", [](const LimitCycleCertificate& c) { return to_string(c.verdict); })
-      .def_property_readonly("converged",
-                             [](const LimitCycleCertificate& c) { return c.verdict == LimitCycleVerdict::period_1; })
+      .def_property_readonly(
+          "converged",
+          [](const LimitCycleCertificate& c) { return c.verdict == LimitCycleVerdict::period_1; })
       .def_readonly("distance", &LimitCycleCertificate::distance)
       .def_readonly("residual", &LimitCycleCertificate::residual)
       .def_readonly("multiplier", &LimitCycleCertificate::multiplier)
       .def_readonly("beats", &LimitCycleCertificate::beats)
       .def("__repr__", [](const LimitCycleCertificate& c) {
-        return fmt::format("Certificate({}, distance {:.2g}, residual {:.2g}, leading multiplier {:.4f}, {} beats)",
-                           to_string(c.verdict), c.distance, c.residual, c.multiplier, c.beats);
+        return fmt::format(
+            "Certificate({}, distance {:.2g}, residual {:.2g}, leading multiplier {:.4f}, {} beats)",
+            to_string(c.verdict), c.distance, c.residual, c.multiplier, c.beats);
       });
 
-  py::class_<Table, std::shared_ptr<Table>>(m, "Columns", "Named columns with units; arrays are views, not copies.")
+  py::class_<Table, std::shared_ptr<Table>>(m, "Columns",
+                                            "Named columns with units; arrays are views, not copies.")
       .def_property_readonly("names",
                              [](const Table& t) {
                                std::vector<std::string> names;
                                for (const Column& c : t.columns) names.push_back(c.name);
                                return names;
                              })
-      .def("unit", [](const Table& t, const std::string& name) { return t.at(name).unit; }, py::arg("name"))
-      .def("meaning", [](const Table& t, const std::string& name) { return t.at(name).meaning; }, py::arg("name"))
+      .def(
+          "unit", [](const Table& t, const std::string& name) { return t.at(name).unit; }, py::arg("name"))
+      .def(
+          "meaning", [](const Table& t, const std::string& name) { return t.at(name).meaning; },
+          py::arg("name"))
       .def("__len__", &Table::n_rows)
       .def(
           "__getitem__",
@@ -210,7 +225,8 @@ void bind_common(py::module_& m) {
                                    s.state_derivatives.data(), self);
       });
 
-  py::class_<BatchRows>(m, "BatchRows", "Outputs of many samples, with a reason in place of each that failed.")
+  py::class_<BatchRows>(m, "BatchRows",
+                        "Outputs of many samples, with a reason in place of each that failed.")
       .def_readonly("names", &BatchRows::names)
       .def_readonly("units", &BatchRows::units)
       .def_readonly("reasons", &BatchRows::reasons)
@@ -224,8 +240,8 @@ void bind_common(py::module_& m) {
       .def_property_readonly("states", [](py::object self) {
         const auto& b = self.cast<BatchRows&>();
         return py::array_t<double>(
-            {static_cast<py::ssize_t>(b.reasons.size()), static_cast<py::ssize_t>(b.n_states)}, b.states.data(),
-            self);
+            {static_cast<py::ssize_t>(b.reasons.size()), static_cast<py::ssize_t>(b.n_states)},
+            b.states.data(), self);
       });
 }
 

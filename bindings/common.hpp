@@ -45,8 +45,8 @@ struct BatchRows {
   std::size_t n_states = 0;
 };
 // Solves n samples in threads; solve(k, values, state) fills one row. What it throws is the sample's reason.
-BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names, std::vector<std::string> units,
-                    std::size_t n_states,
+BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names,
+                    std::vector<std::string> units, std::size_t n_states,
                     const std::function<void(std::size_t, double*, double*)>& solve,
                     const std::function<void(double)>& progress);
 

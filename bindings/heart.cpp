@@ -31,8 +31,8 @@ HeartState state_of(const Array& array) {
 
 void bind_heart(py::module_& m) {
   py::class_<HeartStudy>(m, "HeartModel")
-      .def(py::init([](const std::string& text, const std::string& path, const std::vector<std::string>& overrides,
-                       const std::string& accuracy) {
+      .def(py::init([](const std::string& text, const std::string& path,
+                       const std::vector<std::string>& overrides, const std::string& accuracy) {
              return std::make_unique<HeartStudy>(scene_of(text, path, overrides, accuracy));
            }),
            py::arg("text"), py::arg("path"), py::arg("overrides"), py::arg("accuracy"))
@@ -41,103 +41,110 @@ void bind_heart(py::module_& m) {
       .def_property_readonly("body_surface_area_m2",
                              [](const HeartStudy& study) { return study.scene().body_surface_area_m2; })
       .def("parameters", &HeartStudy::parameters)
-      .def("set_parameters",
-           [](HeartStudy& study, const Array& values) {
-             study.set_parameters(vector_of(values, study.parameters().size(), "values"));
-           },
-           py::arg("values"))
+      .def(
+          "set_parameters",
+          [](HeartStudy& study, const Array& values) {
+            study.set_parameters(vector_of(values, study.parameters().size(), "values"));
+          },
+          py::arg("values"))
       .def("set_parameter", &HeartStudy::set_parameter, py::arg("name"), py::arg("value"))
-      .def("to_limit_cycle",
-           [](HeartStudy& study, std::optional<Array> near, double distance, int max_beats, const std::string& method,
-              const ProgressCall& progress) {
-             const LimitCycleSettings settings = cycle_settings(distance, max_beats, method);
-             HeartState start;
-             if (near) start = state_of(*near);
-             HeartState state;
-             {
-               py::gil_scoped_release unlock;
-               state = study.to_limit_cycle(settings, near ? &start : nullptr, after_beat(progress));
-             }
-             return py::make_tuple(owned(std::move(state.driver)), state.certificate);
-           },
-           py::arg("near"), py::arg("distance"), py::arg("max_beats"), py::arg("method"), py::arg("progress"))
-      .def("refined",
-           [](HeartStudy& study, const Array& near) {
-             HeartState state = state_of(near);
-             {
-               py::gil_scoped_release unlock;
-               state = study.refined(state, study.newton_at(state));
-             }
-             return owned(std::move(state.driver));
-           },
-           py::arg("near"))
-      .def("run",
-           [](HeartStudy& study, const Array& start) {
-             const HeartState state = state_of(start);
-             auto table = std::make_shared<Table>();
-             {
-               py::gil_scoped_release unlock;
-               *table = study.beat(state);
-             }
-             return table;
-           },
-           py::arg("start"))
-      .def("indexes",
-           [](HeartStudy& study, const Array& start) { return named_indexes(study.indexes(state_of(start))); },
-           py::arg("start"))
-      .def("sensitivities",
-           [](HeartStudy& study, const Array& on_cycle, const std::vector<std::string>& parameters,
-              const std::function<void(double)>& progress) {
-             const HeartState state = state_of(on_cycle);
-             py::gil_scoped_release unlock;
-             return study.sensitivities(state, parameters, after_pass(progress));
-           },
-           py::arg("on_cycle"), py::arg("parameters"), py::arg("progress"))
-      .def("batch",
-           [](HeartStudy& study, const std::vector<std::string>& names, const Array& samples,
-              std::optional<Array> near, double distance, int max_beats, int threads,
-              const std::function<void(double)>& progress) {
-             const std::size_t n = static_cast<std::size_t>(samples.shape(0)), k = names.size();
-             auto [indexes, units] = index_names_and_units();
-             const std::vector<std::string> order = indexes;
-             std::vector<std::string> known;
-             std::vector<double> base;
-             for (const NamedParameter& p : study.parameters()) {
-               known.push_back(p.name);
-               base.push_back(p.value);
-             }
-             std::vector<std::size_t> position;
-             for (const std::string& name : names) {
-               const auto found = std::find(known.begin(), known.end(), name);
-               if (found == known.end()) refuse_unknown("parameter of the heart", name, known);
-               position.push_back(static_cast<std::size_t>(found - known.begin()));
-             }
-             const LimitCycleSettings settings = cycle_settings(distance, max_beats, "anderson");
-             HeartState start;
-             if (near) start = state_of(*near);
-             const double* values = samples.data();
-             py::gil_scoped_release unlock;
-             // The cells' cycles once, for all samples that do not move them.
-             const HeartState first = study.to_limit_cycle(settings, near ? &start : nullptr);
-             return run_batch(
-                 n, threads, indexes, units, first.driver.size(),
-                 [&](std::size_t sample, double* out, double* state) {
-                   std::vector<double> all = base;
-                   for (std::size_t j = 0; j < k; ++j) all[position[j]] = values[sample * k + j];
-                   HeartStudy heart = study.copy();
-                   heart.set_parameters(all);
-                   const HeartState y = heart.to_limit_cycle(settings, &first);
-                   if (y.certificate.verdict != LimitCycleVerdict::period_1)
-                     throw NumericalFailure(fmt::format("no limit cycle: {} after {} beats, distance {:.2g}",
-                                                        to_string(y.certificate.verdict), y.certificate.beats,
-                                                        y.certificate.distance));
-                   fill_indexes(heart.indexes(y), order, out);
-                   std::copy(y.driver.begin(), y.driver.end(), state);
-                 },
-                 progress);
-           },
-           py::arg("names"), py::arg("samples"), py::arg("near"), py::arg("distance"), py::arg("max_beats"),
-           py::arg("threads"), py::arg("progress"))
+      .def(
+          "to_limit_cycle",
+          [](HeartStudy& study, std::optional<Array> near, double distance, int max_beats,
+             const std::string& method, const ProgressCall& progress) {
+            const LimitCycleSettings settings = cycle_settings(distance, max_beats, method);
+            HeartState start;
+            if (near) start = state_of(*near);
+            HeartState state;
+            {
+              py::gil_scoped_release unlock;
+              state = study.to_limit_cycle(settings, near ? &start : nullptr, after_beat(progress));
+            }
+            return py::make_tuple(owned(std::move(state.driver)), state.certificate);
+          },
+          py::arg("near"), py::arg("distance"), py::arg("max_beats"), py::arg("method"), py::arg("progress"))
+      .def(
+          "refined",
+          [](HeartStudy& study, const Array& near) {
+            HeartState state = state_of(near);
+            {
+              py::gil_scoped_release unlock;
+              state = study.refined(state, study.newton_at(state));
+            }
+            return owned(std::move(state.driver));
+          },
+          py::arg("near"))
+      .def(
+          "run",
+          [](HeartStudy& study, const Array& start) {
+            const HeartState state = state_of(start);
+            auto table = std::make_shared<Table>();
+            {
+              py::gil_scoped_release unlock;
+              *table = study.beat(state);
+            }
+            return table;
+          },
+          py::arg("start"))
+      .def(
+          "indexes",
+          [](HeartStudy& study, const Array& start) { return named_indexes(study.indexes(state_of(start))); },
+          py::arg("start"))
+      .def(
+          "sensitivities",
+          [](HeartStudy& study, const Array& on_cycle, const std::vector<std::string>& parameters,
+             const std::function<void(double)>& progress) {
+            const HeartState state = state_of(on_cycle);
+            py::gil_scoped_release unlock;
+            return study.sensitivities(state, parameters, after_pass(progress));
+          },
+          py::arg("on_cycle"), py::arg("parameters"), py::arg("progress"))
+      .def(
+          "batch",
+          [](HeartStudy& study, const std::vector<std::string>& names, const Array& samples,
+             std::optional<Array> near, double distance, int max_beats, int threads,
+             const std::function<void(double)>& progress) {
+            const std::size_t n = static_cast<std::size_t>(samples.shape(0)), k = names.size();
+            auto [indexes, units] = index_names_and_units();
+            const std::vector<std::string> order = indexes;
+            std::vector<std::string> known;
+            std::vector<double> base;
+            for (const NamedParameter& p : study.parameters()) {
+              known.push_back(p.name);
+              base.push_back(p.value);
+            }
+            std::vector<std::size_t> position;
+            for (const std::string& name : names) {
+              const auto found = std::find(known.begin(), known.end(), name);
+              if (found == known.end()) refuse_unknown("parameter of the heart", name, known);
+              position.push_back(static_cast<std::size_t>(found - known.begin()));
+            }
+            const LimitCycleSettings settings = cycle_settings(distance, max_beats, "anderson");
+            HeartState start;
+            if (near) start = state_of(*near);
+            const double* values = samples.data();
+            py::gil_scoped_release unlock;
+            // The cells' cycles once, for all samples that do not move them.
+            const HeartState first = study.to_limit_cycle(settings, near ? &start : nullptr);
+            return run_batch(
+                n, threads, indexes, units, first.driver.size(),
+                [&](std::size_t sample, double* out, double* state) {
+                  std::vector<double> all = base;
+                  for (std::size_t j = 0; j < k; ++j) all[position[j]] = values[sample * k + j];
+                  HeartStudy heart = study.copy();
+                  heart.set_parameters(all);
+                  const HeartState y = heart.to_limit_cycle(settings, &first);
+                  if (y.certificate.verdict != LimitCycleVerdict::period_1)
+                    throw NumericalFailure(fmt::format("no limit cycle: {} after {} beats, distance {:.2g}",
+                                                       to_string(y.certificate.verdict), y.certificate.beats,
+                                                       y.certificate.distance));
+                  fill_indexes(heart.indexes(y), order, out);
+                  std::copy(y.driver.begin(), y.driver.end(), state);
+                },
+                progress);
+          },
+          py::arg("names"), py::arg("samples"), py::arg("near"), py::arg("distance"), py::arg("max_beats"),
+          py::arg("threads"), py::arg("progress"))
       .def("copy", [](const HeartStudy& study) { return std::make_unique<HeartStudy>(study.copy()); });
 }
 

@@ -28,7 +28,8 @@ struct LoopModel {
   }
   void require_steps(const char* what) const {
     if (integrator.name != "runge-kutta-4")
-      throw InputError(fmt::format("{} need integrator = \"runge-kutta-4\" (now \"{}\")", what, integrator.name));
+      throw InputError(
+          fmt::format("{} need integrator = \"runge-kutta-4\" (now \"{}\")", what, integrator.name));
   }
 };
 
@@ -37,7 +38,8 @@ std::pair<std::vector<std::string>, std::vector<std::string>> all_indexes() {
   BeatIndexes every;
   for (auto& valve : every.valve) valve.opens_s = valve.closes_s = 0;
   for (int side = 0; side < 2; ++side)
-    every.E_mL_per_s[side] = every.A_mL_per_s[side] = every.E_over_A[side] = every.atrial_kick_percent[side] = 0;
+    every.E_mL_per_s[side] = every.A_mL_per_s[side] = every.E_over_A[side] = every.atrial_kick_percent[side] =
+        0;
   std::pair<std::vector<std::string>, std::vector<std::string>> result;
   for_each_index(every, [&](const std::string& name, const char* unit, double) {
     result.first.push_back(name);
@@ -50,7 +52,9 @@ std::pair<std::vector<std::string>, std::vector<std::string>> all_indexes() {
 
 std::vector<std::pair<std::string, double>> named_indexes(const BeatIndexes& beat) {
   std::vector<std::pair<std::string, double>> list;
-  for_each_index(beat, [&](const std::string& name, const char*, double value) { list.push_back({name, value}); });
+  for_each_index(beat, [&](const std::string& name, const char*, double value) {
+    list.push_back({name, value});
+  });
   return list;
 }
 void fill_indexes(const BeatIndexes& beat, const std::vector<std::string>& names, double* values) {
@@ -60,11 +64,16 @@ void fill_indexes(const BeatIndexes& beat, const std::vector<std::string>& names
     values[next++] = value;
   });
 }
-std::pair<std::vector<std::string>, std::vector<std::string>> index_names_and_units() { return all_indexes(); }
+std::pair<std::vector<std::string>, std::vector<std::string>> index_names_and_units() {
+  return all_indexes();
+}
 
 void bind_loop(py::module_& m) {
-  m.def("index_names", [] { return all_indexes().first; }, "Names of every index of a beat.");
-  m.def("index_units", [] { return all_indexes().second; }, "Units of the indexes, in the order of index_names().");
+  m.def(
+      "index_names", [] { return all_indexes().first; }, "Names of every index of a beat.");
+  m.def(
+      "index_units", [] { return all_indexes().second; },
+      "Units of the indexes, in the order of index_names().");
   m.def(
       "reference_ranges",
       [] {
@@ -75,8 +84,11 @@ void bind_loop(py::module_& m) {
                                py::arg("upper") = r.upper, py::arg("founding_paper") = r.founding_paper));
         return rows;
       },
-      "Reference ranges of the volumetric indexes (men, cardiac magnetic resonance) and the founding paper's values.");
-  m.def("loop_sets", [] { return circulation_set_names(true); }, "Names of the parameter sets with elastances.");
+      "Reference ranges of the volumetric indexes (men, cardiac magnetic resonance) and the founding paper's "
+      "values.");
+  m.def(
+      "loop_sets", [] { return circulation_set_names(true); },
+      "Names of the parameter sets with elastances.");
 
   py::class_<LoopModel>(m, "LoopModel")
       .def(py::init([](const std::string& set) {
@@ -98,23 +110,26 @@ void bind_loop(py::module_& m) {
           py::arg("text"), py::arg("name"))
       .def("copy", [](const LoopModel& model) { return LoopModel(model); })
       .def("parameters", [](const LoopModel& model) { return loop_parameters(model.loop); })
-      .def("set_parameters",
-           [](LoopModel& model, const Array& values) {
-             set_loop_parameters(model.loop, vector_of(values, loop_parameters(model.loop).size(), "values"));
-           },
-           py::arg("values"))
-      .def("set_parameter",
-           [](LoopModel& model, const std::string& name, double value) {
-             set_loop_parameter(model.loop, name, value);
-           },
-           py::arg("name"), py::arg("value"))
-      .def("set_integrator",
-           [](LoopModel& model, const std::string& name, double dt_s, double rtol, double atol) {
-             const LoopIntegrator integrator{name, rtol, atol, dt_s};
-             LoopSolver(model.loop, integrator);
-             model.integrator = integrator;
-           },
-           py::arg("name"), py::arg("dt_s"), py::arg("rtol"), py::arg("atol"))
+      .def(
+          "set_parameters",
+          [](LoopModel& model, const Array& values) {
+            set_loop_parameters(model.loop, vector_of(values, loop_parameters(model.loop).size(), "values"));
+          },
+          py::arg("values"))
+      .def(
+          "set_parameter",
+          [](LoopModel& model, const std::string& name, double value) {
+            set_loop_parameter(model.loop, name, value);
+          },
+          py::arg("name"), py::arg("value"))
+      .def(
+          "set_integrator",
+          [](LoopModel& model, const std::string& name, double dt_s, double rtol, double atol) {
+            const LoopIntegrator integrator{name, rtol, atol, dt_s};
+            LoopSolver(model.loop, integrator);
+            model.integrator = integrator;
+          },
+          py::arg("name"), py::arg("dt_s"), py::arg("rtol"), py::arg("atol"))
       .def("state_names",
            [](const LoopModel&) {
              std::vector<std::string> names;
@@ -125,130 +140,142 @@ void bind_loop(py::module_& m) {
            [](const LoopModel& model) {
              return owned({model.loop.initial.begin(), model.loop.initial.end()});
            })
-      .def("rhs",
-           [](const LoopModel& model, double t, const Array& y) {
-             const auto state = vector_of(y, n_circulation_states, "y");
-             std::vector<double> rates(n_circulation_states);
-             double p[n_chambers];
-             loop_pressures(model.loop, t, state.data(), p);
-             const auto Q = valve_flows<double>(model.loop.circulation, p, state[p_AR_SYS], state[p_AR_PUL]);
-             circulation_rates(model.loop.circulation, state.data(), p, Q, rates.data());
-             return owned(std::move(rates));
-           },
-           py::arg("t"), py::arg("y"))
-      .def("jacobian",
-           [](const LoopModel& model, double t, const Array& y) {
-             using Jet = Dual<n_circulation_states>;
-             const auto state = vector_of(y, n_circulation_states, "y");
-             Jet x[n_circulation_states], rates[n_circulation_states], p[n_chambers];
-             for (int i = 0; i < n_circulation_states; ++i) x[i] = Jet::variable(state[i], i);
-             loop_pressures(model.loop, t, x, p);
-             const auto Q = valve_flows<Jet>(model.loop.circulation, p, x[p_AR_SYS], x[p_AR_PUL]);
-             circulation_rates(model.loop.circulation, x, p, Q, rates);
-             std::vector<double> rows;
-             for (const Jet& rate : rates) rows.insert(rows.end(), rate.derivative.begin(), rate.derivative.end());
-             return owned(std::move(rows), {n_circulation_states, n_circulation_states});
-           },
-           py::arg("t"), py::arg("y"))
-      .def("to_limit_cycle",
-           [](const LoopModel& model, std::optional<Array> near, double distance, int max_beats,
-              const std::string& method, const ProgressCall& progress) {
-             CirculationValues state = model.start_from(near ? &*near : nullptr);
-             LimitCycleSettings settings = cycle_settings(distance, max_beats, method, loop_cycle_settings(distance));
-             settings.map_noise = largest_relative_noise;
-             LimitCycleCertificate certificate;
-             {
-               py::gil_scoped_release unlock;
-               certificate = LoopSolver(model.loop, model.integrator).to_limit_cycle(state, settings, after_beat(progress));
-             }
-             return py::make_tuple(owned({state.begin(), state.end()}), certificate);
-           },
-           py::arg("near"), py::arg("distance"), py::arg("max_beats"), py::arg("method"), py::arg("progress"))
-      .def("run",
-           [](const LoopModel& model, const Array& start, int beats, double sample_s, const ProgressCall& progress) {
-             CirculationValues state = model.start_from(&start);
-             auto table = std::make_shared<Table>(circulation_table());
-             const LoopSolver solver(model.loop, model.integrator);
-             {
-               py::gil_scoped_release unlock;
-               for (int beat = 0; beat < beats; ++beat) {
-                 Table rows = circulation_table();
-                 solver.beat(state, sample_s, &rows);
-                 for (double& t : rows.columns[0].values) t += beat * model.loop.period_s;
-                 // The end of a beat is the start of the next.
-                 for (std::size_t c = 0; c < rows.columns.size(); ++c) {
-                   auto& all = table->columns[c].values;
-                   if (beat > 0) all.pop_back();
-                   all.insert(all.end(), rows.columns[c].values.begin(), rows.columns[c].values.end());
-                 }
-                 after_beat(progress)({LimitCycleVerdict::running, 0, 0, 0, beat + 1});
-               }
-             }
-             return py::make_tuple(table, owned({state.begin(), state.end()}));
-           },
-           py::arg("start"), py::arg("beats"), py::arg("sample_s"), py::arg("progress"))
-      .def("indexes",
-           [](const LoopModel& model, const Array& start) {
-             model.require_steps("indexes");
-             const CirculationValues state = model.start_from(&start);
-             return named_indexes(loop_indexes(model.loop, state, model.integrator.dt_s));
-           },
-           py::arg("start"))
-      .def("sensitivities",
-           [](const LoopModel& model, const Array& on_cycle) {
-             model.require_steps("sensitivities");
-             const CirculationValues state = model.start_from(&on_cycle);
-             py::gil_scoped_release unlock;
-             return loop_sensitivities(model.loop, state, model.integrator.dt_s);
-           },
-           py::arg("on_cycle"))
-      .def("batch",
-           [](const LoopModel& model, const std::vector<std::string>& names, const Array& samples,
-              std::optional<Array> near, double distance, int max_beats, int threads,
-              const std::function<void(double)>& progress) {
-             model.require_steps("batches");
-             const std::size_t n = static_cast<std::size_t>(samples.shape(0)), k = names.size();
-             const CirculationValues start = model.start_from(near ? &*near : nullptr);
-             auto [indexes, units] = all_indexes();
-             const std::vector<std::string> order = indexes;
-             const double* values = samples.data();
-             // Positions once, and unknown names refused before any work.
-             std::vector<std::size_t> position;
-             std::vector<std::string> known;
-             std::vector<double> base;
-             for (const NamedParameter& p : loop_parameters(model.loop)) {
-               known.push_back(p.name);
-               base.push_back(p.value);
-             }
-             for (const std::string& name : names) {
-               const auto found = std::find(known.begin(), known.end(), name);
-               if (found == known.end()) refuse_unknown("parameter of the loop", name, known);
-               position.push_back(static_cast<std::size_t>(found - known.begin()));
-             }
-             const LimitCycleSettings settings =
-                 cycle_settings(distance, max_beats, "anderson", loop_cycle_settings(distance));
-             py::gil_scoped_release unlock;
-             return run_batch(
-                 n, threads, indexes, units, n_circulation_states,
-                 [&](std::size_t sample, double* out, double* state) {
-                   std::vector<double> all = base;
-                   for (std::size_t j = 0; j < k; ++j) all[position[j]] = values[sample * k + j];
-                   Loop loop = model.loop;
-                   set_loop_parameters(loop, all);
-                   CirculationValues y = near ? start : loop.initial;
-                   hold_total_volume(loop.circulation, y.data(), total_volume(loop.circulation, loop.initial.data()));
-                   const auto certificate = LoopSolver(loop, model.integrator).to_limit_cycle(y, settings);
-                   if (certificate.verdict != LimitCycleVerdict::period_1)
-                     throw NumericalFailure(fmt::format("no limit cycle: {} after {} beats, distance {:.2g}",
-                                                        to_string(certificate.verdict), certificate.beats,
-                                                        certificate.distance));
-                   fill_indexes(loop_indexes(loop, y, model.integrator.dt_s), order, out);
-                   std::copy(y.begin(), y.end(), state);
-                 },
-                 progress);
-           },
-           py::arg("names"), py::arg("samples"), py::arg("near"), py::arg("distance"), py::arg("max_beats"),
-           py::arg("threads"), py::arg("progress"));
+      .def(
+          "rhs",
+          [](const LoopModel& model, double t, const Array& y) {
+            const auto state = vector_of(y, n_circulation_states, "y");
+            std::vector<double> rates(n_circulation_states);
+            double p[n_chambers];
+            loop_pressures(model.loop, t, state.data(), p);
+            const auto Q = valve_flows<double>(model.loop.circulation, p, state[p_AR_SYS], state[p_AR_PUL]);
+            circulation_rates(model.loop.circulation, state.data(), p, Q, rates.data());
+            return owned(std::move(rates));
+          },
+          py::arg("t"), py::arg("y"))
+      .def(
+          "jacobian",
+          [](const LoopModel& model, double t, const Array& y) {
+            using Jet = Dual<n_circulation_states>;
+            const auto state = vector_of(y, n_circulation_states, "y");
+            Jet x[n_circulation_states], rates[n_circulation_states], p[n_chambers];
+            for (int i = 0; i < n_circulation_states; ++i) x[i] = Jet::variable(state[i], i);
+            loop_pressures(model.loop, t, x, p);
+            const auto Q = valve_flows<Jet>(model.loop.circulation, p, x[p_AR_SYS], x[p_AR_PUL]);
+            circulation_rates(model.loop.circulation, x, p, Q, rates);
+            std::vector<double> rows;
+            for (const Jet& rate : rates)
+              rows.insert(rows.end(), rate.derivative.begin(), rate.derivative.end());
+            return owned(std::move(rows), {n_circulation_states, n_circulation_states});
+          },
+          py::arg("t"), py::arg("y"))
+      .def(
+          "to_limit_cycle",
+          [](const LoopModel& model, std::optional<Array> near, double distance, int max_beats,
+             const std::string& method, const ProgressCall& progress) {
+            CirculationValues state = model.start_from(near ? &*near : nullptr);
+            LimitCycleSettings settings =
+                cycle_settings(distance, max_beats, method, loop_cycle_settings(distance));
+            settings.map_noise = largest_relative_noise;
+            LimitCycleCertificate certificate;
+            {
+              py::gil_scoped_release unlock;
+              certificate = LoopSolver(model.loop, model.integrator)
+                                .to_limit_cycle(state, settings, after_beat(progress));
+            }
+            return py::make_tuple(owned({state.begin(), state.end()}), certificate);
+          },
+          py::arg("near"), py::arg("distance"), py::arg("max_beats"), py::arg("method"), py::arg("progress"))
+      .def(
+          "run",
+          [](const LoopModel& model, const Array& start, int beats, double sample_s,
+             const ProgressCall& progress) {
+            CirculationValues state = model.start_from(&start);
+            auto table = std::make_shared<Table>(circulation_table());
+            const LoopSolver solver(model.loop, model.integrator);
+            {
+              py::gil_scoped_release unlock;
+              for (int beat = 0; beat < beats; ++beat) {
+                Table rows = circulation_table();
+                solver.beat(state, sample_s, &rows);
+                for (double& t : rows.columns[0].values) t += beat * model.loop.period_s;
+                // The end of a beat is the start of the next.
+                for (std::size_t c = 0; c < rows.columns.size(); ++c) {
+                  auto& all = table->columns[c].values;
+                  if (beat > 0) all.pop_back();
+                  all.insert(all.end(), rows.columns[c].values.begin(), rows.columns[c].values.end());
+                }
+                after_beat(progress)({LimitCycleVerdict::running, 0, 0, 0, beat + 1});
+              }
+            }
+            return py::make_tuple(table, owned({state.begin(), state.end()}));
+          },
+          py::arg("start"), py::arg("beats"), py::arg("sample_s"), py::arg("progress"))
+      .def(
+          "indexes",
+          [](const LoopModel& model, const Array& start) {
+            model.require_steps("indexes");
+            const CirculationValues state = model.start_from(&start);
+            return named_indexes(loop_indexes(model.loop, state, model.integrator.dt_s));
+          },
+          py::arg("start"))
+      .def(
+          "sensitivities",
+          [](const LoopModel& model, const Array& on_cycle) {
+            model.require_steps("sensitivities");
+            const CirculationValues state = model.start_from(&on_cycle);
+            py::gil_scoped_release unlock;
+            return loop_sensitivities(model.loop, state, model.integrator.dt_s);
+          },
+          py::arg("on_cycle"))
+      .def(
+          "batch",
+          [](const LoopModel& model, const std::vector<std::string>& names, const Array& samples,
+             std::optional<Array> near, double distance, int max_beats, int threads,
+             const std::function<void(double)>& progress) {
+            model.require_steps("batches");
+            const std::size_t n = static_cast<std::size_t>(samples.shape(0)), k = names.size();
+            const CirculationValues start = model.start_from(near ? &*near : nullptr);
+            auto [indexes, units] = all_indexes();
+            const std::vector<std::string> order = indexes;
+            const double* values = samples.data();
+            // Positions once, and unknown names refused before any work.
+            std::vector<std::size_t> position;
+            std::vector<std::string> known;
+            std::vector<double> base;
+            for (const NamedParameter& p : loop_parameters(model.loop)) {
+              known.push_back(p.name);
+              base.push_back(p.value);
+            }
+            for (const std::string& name : names) {
+              const auto found = std::find(known.begin(), known.end(), name);
+              if (found == known.end()) refuse_unknown("parameter of the loop", name, known);
+              position.push_back(static_cast<std::size_t>(found - known.begin()));
+            }
+            const LimitCycleSettings settings =
+                cycle_settings(distance, max_beats, "anderson", loop_cycle_settings(distance));
+            py::gil_scoped_release unlock;
+            return run_batch(
+                n, threads, indexes, units, n_circulation_states,
+                [&](std::size_t sample, double* out, double* state) {
+                  std::vector<double> all = base;
+                  for (std::size_t j = 0; j < k; ++j) all[position[j]] = values[sample * k + j];
+                  Loop loop = model.loop;
+                  set_loop_parameters(loop, all);
+                  CirculationValues y = near ? start : loop.initial;
+                  hold_total_volume(loop.circulation, y.data(),
+                                    total_volume(loop.circulation, loop.initial.data()));
+                  const auto certificate = LoopSolver(loop, model.integrator).to_limit_cycle(y, settings);
+                  if (certificate.verdict != LimitCycleVerdict::period_1)
+                    throw NumericalFailure(fmt::format("no limit cycle: {} after {} beats, distance {:.2g}",
+                                                       to_string(certificate.verdict), certificate.beats,
+                                                       certificate.distance));
+                  fill_indexes(loop_indexes(loop, y, model.integrator.dt_s), order, out);
+                  std::copy(y.begin(), y.end(), state);
+                },
+                progress);
+          },
+          py::arg("names"), py::arg("samples"), py::arg("near"), py::arg("distance"), py::arg("max_beats"),
+          py::arg("threads"), py::arg("progress"));
 }
 
 }  // namespace wiggers::python

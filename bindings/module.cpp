@@ -1,7 +1,7 @@
 // The Python module wiggers._core: the toolkit's studies of cells, force, loop and heart.
-#include "common.hpp"
-
 #include <wiggers/heart/summary.hpp>
+
+#include "common.hpp"
 
 PYBIND11_MODULE(_core, m) {
   m.doc() = "The compiled part of wiggers; use the names of the package.";

@@ -26,7 +26,8 @@ T crossing_time(const std::vector<T>& t, const std::vector<T>& y, std::size_t k,
   T root = s;
   for (int iteration = 0; iteration < 20; ++iteration) {
     const T value = y[k - 1] + root * (d01 + (root - 1.0) * (d01a + (root - a) * cubic)) - level;
-    const T slope = d01 + (2.0 * root - 1.0) * d01a + ((root - 1.0) * (root - a) + root * (2.0 * root - 1.0 - a)) * cubic;
+    const T slope =
+        d01 + (2.0 * root - 1.0) * d01a + ((root - 1.0) * (root - a) + root * (2.0 * root - 1.0 - a)) * cubic;
     if (!(abs(slope) > 0.0)) return t[k - 1] + s * span;
     const T change = value / slope;
     root = root - change;
@@ -39,7 +40,8 @@ T crossing_time(const std::vector<T>& t, const std::vector<T>& y, std::size_t k,
 // Time (unit of t) between the upstroke's and the repolarisation's crossing of V_max - share (V_max - V_end);
 // nothing if there is no such crossing. Numbers of any kind.
 template <class T>
-std::optional<T> action_potential_duration(const std::vector<T>& t, const std::vector<T>& V, double repolarised) {
+std::optional<T> action_potential_duration(const std::vector<T>& t, const std::vector<T>& V,
+                                           double repolarised) {
   const auto peak = std::max_element(V.begin(), V.end());
   const T threshold = *peak - repolarised * (*peak - V.back());
   const auto peak_index = static_cast<std::size_t>(peak - V.begin());

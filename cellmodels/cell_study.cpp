@@ -134,13 +134,12 @@ FixedPointDerivatives cycle_derivatives(const CellStudy& study, const std::vecto
   const double passes = std::ceil(static_cast<double>(on_cycle.size() + values.size()) / tangent_lanes);
   double done = 0;
   return with_model(study, [&]<class Model>() {
-    return fixed_point_derivatives(on_cycle, values,
-                                   [&](std::vector<Tangent> state, const std::vector<Tangent>& parameter) {
-                                     beat_at<Model, Tangent>(study, parameter)
-                                         .run(state.data(), [](const Tangent&, const Tangent*) {});
-                                     if (after_pass) after_pass(share * ++done / passes);
-                                     return state;
-                                   });
+    return fixed_point_derivatives(
+        on_cycle, values, [&](std::vector<Tangent> state, const std::vector<Tangent>& parameter) {
+          beat_at<Model, Tangent>(study, parameter).run(state.data(), [](const Tangent&, const Tangent*) {});
+          if (after_pass) after_pass(share * ++done / passes);
+          return state;
+        });
   });
 }
 
@@ -148,7 +147,8 @@ FixedPointDerivatives cycle_derivatives(const CellStudy& study, const std::vecto
 
 CellStudy make_cell_study(const CellModel& model, std::string_view set) {
   if (!model.is_ionic())
-    throw InputError(fmt::format("{} is a force model, not a paced cell: drive it by calcium and length", model.name));
+    throw InputError(
+        fmt::format("{} is a force model, not a paced cell: drive it by calcium and length", model.name));
   CellStudy study;
   study.model = &model;
   study.parameters = model.parameter_values(set);
@@ -173,8 +173,8 @@ std::vector<NamedParameter> cell_study_parameters(const CellStudy& study) {
 void set_cell_study_parameters(CellStudy& study, std::span<const double> values) {
   const std::vector<NamedParameter> list = cell_study_parameters(study);
   if (values.size() != list.size())
-    throw InputError(fmt::format("{} has {} parameters with its pacing, {} values were given", study.model->name,
-                                 list.size(), values.size()));
+    throw InputError(fmt::format("{} has {} parameters with its pacing, {} values were given",
+                                 study.model->name, list.size(), values.size()));
   for (std::size_t k = 0; k < list.size(); ++k) check_range(list[k].quantity, values[k], study.model->name);
   CellStudy changed = study;
   const std::size_t n = values.size() - n_protocol;
@@ -198,7 +198,8 @@ void set_cell_study_parameter(CellStudy& study, std::string_view name, double va
 void hold_charge(const CellStudy& study, std::vector<double>& state) {
   const std::vector<double> published = study.model->default_state();
   const double* p = study.parameters.data();
-  study.model->hold_invariant(state.data(), p, study.model->invariant(published.data(), p) + study.charge_offset_mV);
+  study.model->hold_invariant(state.data(), p,
+                              study.model->invariant(published.data(), p) + study.charge_offset_mV);
 }
 
 std::vector<double> start_of(const CellStudy& study) {
@@ -216,7 +217,8 @@ LimitCycleCertificate to_limit_cycle(const CellStudy& study, std::vector<double>
                        {study.integrator, 1e-8, 1e-10, study.dt_ms});
   BeatMap map = cell.beat_map(state);
   with_model(study, [&]<class Model>() {
-    map.beat = [&cell, beat = beat_at<Model, double>(study, values_of(study))](const std::vector<double>& start) {
+    map.beat = [&cell,
+                beat = beat_at<Model, double>(study, values_of(study))](const std::vector<double>& start) {
       std::vector<double> image = start;
       long step = 0;
       beat.run(image.data(), [&](double t, const double* y) {
@@ -235,7 +237,8 @@ FixedPointDerivatives newton_at(const CellStudy& study, std::vector<double> stat
   const std::vector<double> values = values_of(study);
   return with_model(study, [&]<class Model>() {
     return fixed_point_derivatives(state, {}, [&](std::vector<Tangent> x, const std::vector<Tangent>&) {
-      beat_at<Model, Tangent>(study, {values.begin(), values.end()}).run(x.data(), [](const Tangent&, const Tangent*) {});
+      beat_at<Model, Tangent>(study, {values.begin(), values.end()})
+          .run(x.data(), [](const Tangent&, const Tangent*) {});
       return x;
     });
   });
@@ -278,10 +281,11 @@ Sensitivities cell_sensitivities(const CellStudy& study, const std::vector<doubl
     TangentPass pass = tangent_pass(on_cycle, values, moves, first);
     with_model(study, [&]<class Model>() {
       std::size_t index = 0;
-      beat_indexes<Model, Tangent>(beat_at<Model, Tangent>(study, pass.parameter), pass.state,
-                                   [&](const std::string& name, const std::string& unit, const Tangent& value) {
-                                     store_output(table, first, index++, name, unit, value);
-                                   });
+      beat_indexes<Model, Tangent>(
+          beat_at<Model, Tangent>(study, pass.parameter), pass.state,
+          [&](const std::string& name, const std::string& unit, const Tangent& value) {
+            store_output(table, first, index++, name, unit, value);
+          });
     });
     if (after_pass) after_pass(0.6 + 0.4 * std::min(1.0, static_cast<double>(first + tangent_lanes) / m));
   }
@@ -306,17 +310,20 @@ PacedRows paced_rows(const CellStudy& study, const std::vector<double>& start) {
 }
 
 PacedTangents::PacedTangents(const CellStudy& study, std::vector<double> on_cycle)
-    : study_(study), state_(std::move(on_cycle)), moves_(cycle_derivatives(study, state_, values_of(study), {}, 1).moves) {}
+    : study_(study),
+      state_(std::move(on_cycle)),
+      moves_(cycle_derivatives(study, state_, values_of(study), {}, 1).moves) {}
 
 PacedTrace PacedTangents::trace(int first) const {
   PacedTrace trace;
   TangentPass pass = tangent_pass(state_, values_of(study_), moves_, first);
   with_model(study_, [&]<class Model>() {
-    beat_at<Model, Tangent>(study_, pass.parameter).run(pass.state.data(), [&](const Tangent& t, const Tangent* y) {
-      trace.t_ms.push_back(t);
-      trace.calcium_mM.push_back(y[Model::cytosolic_calcium]);
-      trace.potential_mV.push_back(y[Model::membrane_potential]);
-    });
+    beat_at<Model, Tangent>(study_, pass.parameter)
+        .run(pass.state.data(), [&](const Tangent& t, const Tangent* y) {
+          trace.t_ms.push_back(t);
+          trace.calcium_mM.push_back(y[Model::cytosolic_calcium]);
+          trace.potential_mV.push_back(y[Model::membrane_potential]);
+        });
   });
   return trace;
 }

@@ -33,9 +33,9 @@ void set_cell_study_parameter(CellStudy& study, std::string_view name, double va
 std::vector<double> start_of(const CellStudy& study);
 // Moves the balancing ion of any state to the study's leaf.
 void hold_charge(const CellStudy& study, std::vector<double>& state);
-LimitCycleCertificate to_limit_cycle(const CellStudy& study, std::vector<double>& state,
-                                     LimitCycleSettings settings,
-                                     const std::function<void(const LimitCycleCertificate&)>& after_beat = {});
+LimitCycleCertificate to_limit_cycle(
+    const CellStudy& study, std::vector<double>& state, LimitCycleSettings settings,
+    const std::function<void(const LimitCycleCertificate&)>& after_beat = {});
 
 // The beat map's exact derivatives by the state, and a state near the cycle brought onto it, to rounding, by
 // Newton with them; those of a neighbouring cycle do.

@@ -35,9 +35,7 @@ class CvodeCell final : public AdaptiveIntegrator {
     t_ = end;
   }
 
-  AdaptiveCounts counts() const override {
-    return solver_.counts();
-  }
+  AdaptiveCounts counts() const override { return solver_.counts(); }
 
  private:
   OdeSystem system() {

@@ -1,5 +1,5 @@
-// One beat of a paced cell by Rush-Larsen steps, for numbers of any kind; with dual numbers its derivatives by
-// state, parameters, period and pulse.
+// One beat of a paced cell by Rush-Larsen steps, for numbers of any kind; with dual numbers its derivatives
+// by state, parameters, period and pulse.
 //
 // Where the potential crosses the value at which the model's rates jump (branch_potential) the step is split,
 // so that the image is a smooth function of everything: without it, a crossing that moves from one step to

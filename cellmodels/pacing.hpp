@@ -46,8 +46,8 @@ class PacedCell {
       std::vector<double>& state, LimitCycleSettings settings,
       const std::function<void(const LimitCycleCertificate&)>& after_beat = {});
 
-  // The search's frame from a start: scales, positive components and what keeps proposals on the start's leaf;
-  // its beat is for the caller to fill in. Refers to this cell.
+  // The search's frame from a start: scales, positive components and what keeps proposals on the start's
+  // leaf; its beat is for the caller to fill in. Refers to this cell.
   BeatMap beat_map(const std::vector<double>& start) const;
 
   // Throws NumericalFailure naming a state that left its range, and t.

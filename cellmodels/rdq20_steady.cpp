@@ -71,7 +71,8 @@ std::vector<Tangent> rdq20_steady_state(const std::vector<Tangent>& parameters, 
   const Tangent inputs[3] = {calcium_uM, sarcomere_length_um, 0.0};
   std::vector<Tangent> rates(y.size());
   rates_from<Rdq20, Tangent>(
-      Rdq20::evaluate<Tangent>(held.data(), inputs, Rdq20::constants(parameters.data())), held.data(), rates.data());
+      Rdq20::evaluate<Tangent>(held.data(), inputs, Rdq20::constants(parameters.data())), held.data(),
+      rates.data());
   const double plain[3] = {calcium_uM.value, sarcomere_length_um.value, 0.0};
   Eigen::MatrixXd system(n + 1, n), right(n + 1, tangent_lanes);
   Eigen::MatrixXd jacobian(n, n);

@@ -22,8 +22,8 @@ class Rdq20StepperOf {
   const Constants& constants() const { return constants_; }
 
   // Advances the probabilities y[0..15] over dt (s) in n_substeps; returns the rates the crossbridges need.
-  Rdq20::Regulation<T> step_regulation(T* y, const T& calcium_uM, const T& sarcomere_length_um,
-                                            const T& dt, int n_substeps) const {
+  Rdq20::Regulation<T> step_regulation(T* y, const T& calcium_uM, const T& sarcomere_length_um, const T& dt,
+                                       int n_substeps) const {
     const T h = dt / static_cast<double>(n_substeps);
     for (int k = 0; k < n_substeps; ++k) {
       const auto ru = Rdq20::regulation(y, calcium_uM, sarcomere_length_um, constants_);

@@ -7,10 +7,10 @@
 namespace wiggers {
 
 inline constexpr Quantity pacing_period_quantity{"period_ms", "ms", 1000, 50, 20000, "period of the pacing"};
-inline constexpr Quantity stimulus_amplitude_quantity{
-    "stimulus_A_per_F", "A/F", -25.71, -1000, 0, "stimulus of the cells"};
-inline constexpr Quantity stimulus_duration_quantity{
-    "stimulus_ms", "ms", 3, 0.1, 20, "duration of the stimulus"};
+inline constexpr Quantity stimulus_amplitude_quantity{"stimulus_A_per_F",     "A/F", -25.71, -1000, 0,
+                                                      "stimulus of the cells"};
+inline constexpr Quantity stimulus_duration_quantity{"stimulus_ms", "ms", 3,
+                                                     0.1,           20,   "duration of the stimulus"};
 
 struct StimulusPulse {
   double amplitude_A_per_F = 0;

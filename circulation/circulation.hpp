@@ -33,9 +33,10 @@ inline constexpr std::array circuit_quantities = {
 };
 static_assert(well_formed(circuit_quantities));
 template <class Circuit>
-auto fields_of(Circuit& c) requires requires { c.R_AR; } {
-  return std::array{&c.R_AR, &c.C_AR, &c.L_AR, &c.R_VEN, &c.C_VEN, &c.L_VEN};
+auto fields_of(Circuit& c) requires requires {
+  c.R_AR;
 }
+{ return std::array{&c.R_AR, &c.C_AR, &c.L_AR, &c.R_VEN, &c.C_VEN, &c.L_VEN}; }
 
 // The states as quantities; defaults: the start of the set wiggers-healthy-0d.
 inline constexpr std::array circulation_state_quantities = {

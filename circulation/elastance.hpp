@@ -29,9 +29,10 @@ inline constexpr std::array elastance_quantities = {
 };
 static_assert(well_formed(elastance_quantities));
 template <class Elastance>
-auto fields_of(Elastance& e) requires requires { e.EA; } {
-  return std::array{&e.EA, &e.EB, &e.tC, &e.TC, &e.TR, &e.V0};
+auto fields_of(Elastance& e) requires requires {
+  e.EA;
 }
+{ return std::array{&e.EA, &e.EB, &e.tC, &e.TC, &e.TR, &e.V0}; }
 
 // Remainder in [0, period], for negative times too; below the period but for rounding.
 template <class T>
@@ -49,7 +50,8 @@ T elastance_activation(const ElastanceParametersOf<T>& e, const T& t, const T& p
   const T m = wrapped(T(t - e.tC), period);
   // -1 at the onset, 0 at the peak, 1 when relaxed; phi = (1 + cos(pi x))/2.
   const T falling = (m - e.TC) / e.TR;
-  const T phi = square(quarter_cosine(select(m < e.TC, T(m / e.TC - 1.0), select(falling < 1.0, falling, T(1.0)))));
+  const T phi =
+      square(quarter_cosine(select(m < e.TC, T(m / e.TC - 1.0), select(falling < 1.0, falling, T(1.0)))));
   return select(falling < 1.0, phi, T(0.0));
 }
 

@@ -87,7 +87,8 @@ LoopSolver::LoopSolver(Loop loop, LoopIntegrator integrator)
   // Instants that differ by rounding only are one.
   for (double t : breaks)
     if (breaks_.empty() || t - breaks_.back() > 1e-9 * loop_.period_s) breaks_.push_back(t);
-  if (integrator_.name == "runge-kutta-4") steps_ = std::make_shared<LoopBeat<double>>(loop_, integrator_.dt_s);
+  if (integrator_.name == "runge-kutta-4")
+    steps_ = std::make_shared<LoopBeat<double>>(loop_, integrator_.dt_s);
 }
 
 std::array<double, n_chambers> LoopSolver::pressures(double t, const double* y) const {

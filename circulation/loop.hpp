@@ -42,10 +42,12 @@ void for_each_circulation_parameter(Circulation& c, Visit visit) {
       visit(name, quantities[k], *fields[k]);
     }
   };
-  for (int v = 0; v < n_valves; ++v) table("valves", valve_names[v], valve_quantities, fields_of(c.valves[v]));
+  for (int v = 0; v < n_valves; ++v)
+    table("valves", valve_names[v], valve_quantities, fields_of(c.valves[v]));
   if (c.valve_law == ValveLaw::tanh)
     visit(std::string(tanh_steepness_quantity.name), tanh_steepness_quantity, c.tanh_steepness);
-  for (int k = 0; k < 2; ++k) table("circuit", circuit_names[k], circuit_quantities, fields_of(c.circuits[k]));
+  for (int k = 0; k < 2; ++k)
+    table("circuit", circuit_names[k], circuit_quantities, fields_of(c.circuits[k]));
 }
 template <class AnyLoop, class Visit>
 void for_each_loop_parameter(AnyLoop& loop, Visit visit) {
@@ -67,9 +69,11 @@ LoopOf<P> lifted(const Loop& loop) {
   result.circulation.valve_law = loop.circulation.valve_law;
   result.initial = loop.initial;
   std::vector<double> values;
-  for_each_loop_parameter(loop, [&](const std::string&, const Quantity&, double value) { values.push_back(value); });
+  for_each_loop_parameter(
+      loop, [&](const std::string&, const Quantity&, double value) { values.push_back(value); });
   std::size_t k = 0;
-  for_each_loop_parameter(result, [&](const std::string&, const Quantity&, P& field) { field = P(values[k++]); });
+  for_each_loop_parameter(result,
+                          [&](const std::string&, const Quantity&, P& field) { field = P(values[k++]); });
   return result;
 }
 

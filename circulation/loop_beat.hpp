@@ -78,7 +78,8 @@ class LoopBeat {
  public:
   LoopBeat(const LoopOf<T>& loop, double dt_s) : loop_(loop), dt_(dt_s) {
     for (const auto& e : loop_.elastance)
-      for (const T& offset : {T(0.0), e.TC, T(e.TC + e.TR)}) breaks_.push_back(wrapped(T(e.tC + offset), loop_.period_s));
+      for (const T& offset : {T(0.0), e.TC, T(e.TC + e.TR)})
+        breaks_.push_back(wrapped(T(e.tC + offset), loop_.period_s));
     breaks_.push_back(loop_.period_s);
     std::sort(breaks_.begin(), breaks_.end());
     // Instants that differ by rounding only are one, their mean; the beat's ends are no breaks.
@@ -99,6 +100,12 @@ class LoopBeat {
   }
 
   const LoopOf<T>& loop() const { return loop_; }
+  // The break points of the activations within the beat, and its end.
+  std::vector<T> ends() const {
+    std::vector<T> list = breaks_;
+    list.push_back(loop_.period_s);
+    return list;
+  }
 
   // Advances y by one period; on_step(t, y, open) after the start, after every step and at every event, and,
   // if asked for, in the middle of every step. `stops`, sorted: more instants at which steps end.
@@ -164,7 +171,8 @@ class LoopBeat {
 
   // Drop over one valve after a step of h, by numbers of any kind.
   template <class U>
-  static U drop_after(const LoopOf<U>& loop, const ValveStates& open, const U& t, const U& h, const U* y, int valve) {
+  static U drop_after(const LoopOf<U>& loop, const ValveStates& open, const U& t, const U& h, const U* y,
+                      int valve) {
     U end[n_circulation_states], p[n_chambers];
     Step::step(loop, open, t, h, y, end, static_cast<U*>(nullptr));
     loop_pressures(loop, U(t + h), end, p);
@@ -172,7 +180,8 @@ class LoopBeat {
   }
 
   // The first valve to change within the step, or -1; `event`: time from the step's start.
-  int first_event(const T& t, const T& h, const T* y, const T* next, const ValveStates& open, T& event) const {
+  int first_event(const T& t, const T& h, const T* y, const T* next, const ValveStates& open,
+                  T& event) const {
     const ValveStates after = states_at(T(t + h), next);
     if (after == open) return -1;
     int first = -1;
@@ -256,7 +265,8 @@ class LoopBeat {
     Loop plain;
     plain.circulation.valve_law = loop.circulation.valve_law;
     std::vector<double> values;
-    for_each_loop_parameter(loop, [&](const std::string&, const Quantity&, const T& x) { values.push_back(value_of(x)); });
+    for_each_loop_parameter(
+        loop, [&](const std::string&, const Quantity&, const T& x) { values.push_back(value_of(x)); });
     std::size_t k = 0;
     for_each_loop_parameter(plain, [&](const std::string&, const Quantity&, double& x) { x = values[k++]; });
     return plain;

@@ -35,9 +35,10 @@ inline constexpr std::array valve_quantities = {
 static_assert(well_formed(valve_quantities));
 // The fields in the order of the quantities.
 template <class Valve>
-auto fields_of(Valve& v) requires requires { v.Rmin; } {
-  return std::array{&v.Rmin, &v.Rmax};
+auto fields_of(Valve& v) requires requires {
+  v.Rmin;
 }
+{ return std::array{&v.Rmin, &v.Rmax}; }
 inline constexpr Quantity tanh_steepness_quantity = {
     "tanh_steepness", "1/mmHg", 20, 1e-3, 1e6, "steepness k of the tanh valve law"};
 
@@ -52,8 +53,8 @@ T valve_flow_when(bool open, ValveLaw law, const ValveParametersOf<P>& valve, co
 }
 
 template <class T, class P>
-T valve_flow(ValveLaw law, const ValveParametersOf<P>& valve, const std::type_identity_t<P>& tanh_steepness, const T& p1,
-             const T& p2) {
+T valve_flow(ValveLaw law, const ValveParametersOf<P>& valve, const std::type_identity_t<P>& tanh_steepness,
+             const T& p1, const T& p2) {
   constexpr double pi = 3.14159265358979323846;
   const T dp = p1 - p2;
   switch (law) {

@@ -1,4 +1,4 @@
-#include <cvode/cvode.h>
+#include <cvodes/cvodes.h>
 #include <fmt/format.h>
 #include <nvector/nvector_serial.h>
 #include <sundials/sundials_context.h>
@@ -61,12 +61,14 @@ struct Cvode::Implementation {
   double t = 0;
   double start_time = 0;
   CarriedException carried;
+  N_Vector* directions = nullptr;
   AdaptiveCounts before_restart;
 
   ~Implementation() {
     if (memory) CVodeFree(&memory);
     if (linear_solver) SUNLinSolFree(linear_solver);
     if (matrix) SUNMatDestroy(matrix);
+    if (directions) N_VDestroyVectorArray(directions, static_cast<int>(system.n_directions));
     if (y) N_VDestroy(y);
     if (absolute) N_VDestroy(absolute);
     if (context) SUNContext_Free(&context);
@@ -111,6 +113,20 @@ struct Cvode::Implementation {
       return 0;
     });
   }
+  // The vectors of a SUNDIALS array as plain pointers.
+  std::vector<double*> pointers(N_Vector* vectors) const {
+    std::vector<double*> list;
+    for (std::size_t k = 0; k < system.n_directions; ++k) list.push_back(N_VGetArrayPointer(vectors[k]));
+    return list;
+  }
+  static int variation(int, double t, N_Vector y, N_Vector, N_Vector* S, N_Vector* dS, void* user, N_Vector,
+                       N_Vector) {
+    auto* self = static_cast<Implementation*>(user);
+    return self->carried.guard([&] {
+      self->system.variation(t, N_VGetArrayPointer(y), self->pointers(S).data(), self->pointers(dS).data());
+      return 0;
+    });
+  }
   static void silent(int, const char*, const char*, char*, void*) {}  // errors are reported by check()
 };
 
@@ -133,6 +149,23 @@ Cvode::Cvode(OdeSystem system, OdeTolerances tolerances)
 
 Cvode::~Cvode() = default;
 
+void Cvode::set_directions(const std::vector<std::vector<double>>& values) {
+  Implementation& m = *implementation_;
+  const int n = static_cast<int>(m.system.n_directions);
+  if (!m.directions) m.directions = m.check_pointer(N_VCloneVectorArray(n, m.y), "N_VCloneVectorArray");
+  for (std::size_t k = 0; k < values.size(); ++k)
+    std::copy(values[k].begin(), values[k].end(), N_VGetArrayPointer(m.directions[k]));
+}
+
+std::vector<std::vector<double>> Cvode::directions() {
+  Implementation& m = *implementation_;
+  double reached = m.t;
+  if (m.t > m.start_time) m.check(CVodeGetSens(m.memory, &reached, m.directions), "CVodeGetSens");
+  std::vector<std::vector<double>> values;
+  for (double* from : m.pointers(m.directions)) values.emplace_back(from, from + m.system.size);
+  return values;
+}
+
 void Cvode::restart(double t, const std::vector<double>& y) {
   Implementation& m = *implementation_;
   m.state = y;
@@ -150,10 +183,21 @@ void Cvode::restart(double t, const std::vector<double>& y) {
               "CVodeRootInit");
       m.check(CVodeSetNoInactiveRootWarn(m.memory), "CVodeSetNoInactiveRootWarn");
     }
+    if (m.system.n_directions > 0) {
+      m.check(CVodeSensInit(m.memory, static_cast<int>(m.system.n_directions), CV_STAGGERED,
+                            Implementation::variation, m.directions),
+              "CVodeSensInit");
+      // Directions are controlled like the state, each by its own size.
+      std::vector<double> absolute(m.system.n_directions, m.tolerances.absolute.front());
+      m.check(CVodeSensSStolerances(m.memory, m.tolerances.relative, absolute.data()),
+              "CVodeSensSStolerances");
+      m.check(CVodeSetSensErrCon(m.memory, SUNTRUE), "CVodeSetSensErrCon");
+    }
     m.started = true;
   } else {
     m.before_restart = counts();
     m.check(CVodeReInit(m.memory, t, m.y), "CVodeReInit");
+    if (m.directions) m.check(CVodeSensReInit(m.memory, CV_STAGGERED, m.directions), "CVodeSensReInit");
   }
 }
 
@@ -173,8 +217,10 @@ const std::vector<double>& Cvode::advance(double t_out, double limit) {
     m.check(CVodeGetRootInfo(m.memory, which.data()), "CVodeGetRootInfo");
     for (std::size_t k = 0; k < which.size(); ++k)
       if (which[k] != 0 && m.system.on_root) m.system.on_root(reached, k, which[k]);
+    if (m.directions) m.check(CVodeGetSens(m.memory, &reached, m.directions), "CVodeGetSens");
     m.before_restart = counts();
     m.check(CVodeReInit(m.memory, reached, m.y), "CVodeReInit");
+    if (m.directions) m.check(CVodeSensReInit(m.memory, CV_STAGGERED, m.directions), "CVodeSensReInit");
   }
   return m.state;
 }

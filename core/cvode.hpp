@@ -1,4 +1,5 @@
-// CVODE (SUNDIALS), wrapped: variable-order BDF with Newton and a dense Jacobian, every return code checked.
+// CVODE (SUNDIALS; linked is its superset CVODES, for sensitivities), wrapped: variable-order BDF with Newton
+// and a dense Jacobian, every return code checked.
 //
 // Failures throw NumericalFailure with the time reached, the reason in words and what to try. The step limit
 // of the library (500 internal steps a call) is lifted: it is a trap for long beats.
@@ -23,6 +24,11 @@ struct OdeSystem {
   std::size_t n_roots = 0;
   std::function<void(double, const double*, double*)> roots;
   std::function<void(double, std::size_t, int)> on_root;
+  // Forward sensitivities along n_directions: variation(t, y, S, dS) sets dS[k] = (df/dy) S[k] + df/dtheta_k.
+  // Where the right-hand side is continuous but for a kink they need nothing at a root; a jump is the
+  // caller's.
+  std::size_t n_directions = 0;
+  std::function<void(double, const double*, const double* const*, double* const*)> variation;
 };
 
 struct OdeTolerances {
@@ -44,6 +50,10 @@ class Cvode {
   // where it jumps next. Outputs before the limit are interpolated, steps are not shortened for them.
   const std::vector<double>& advance(double t_out, double limit);
   const std::vector<double>& advance(double t_end) { return advance(t_end, t_end); }
+
+  // Sensitivities where the next restart begins, [direction][component]; and at the time reached.
+  void set_directions(const std::vector<std::vector<double>>& values);
+  std::vector<std::vector<double>> directions();
 
   // Largest internal step (0: no limit).
   void set_largest_step(double h);

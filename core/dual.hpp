@@ -12,7 +12,9 @@ struct Dual {
   std::array<double, N> derivative;
 
   Dual() : Dual(0.0) {}
-  Dual(double constant) : value(constant) { derivative.fill(0.0); }  // NOLINT: constants mix freely with duals
+  Dual(double constant) : value(constant) {
+    derivative.fill(0.0);
+  }  // NOLINT: constants mix freely with duals
   // Derivatives left for the caller to fill.
   struct Unfilled {};
   Dual(double result, Unfilled) : value(result) {}

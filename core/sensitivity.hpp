@@ -2,9 +2,9 @@
 //
 // The cycle x = P(x, theta) moves with the parameters by the implicit function theorem,
 //   dx/dtheta = (I - dP/dx)^-1 dP/dtheta,
-// with both derivatives of the beat map from dual numbers, exactly those of the computed map. Where P keeps an
-// invariant (blood volume, charge) it is to hold its value itself, as a parameter; I - dP/dx is then regular.
-// Any output of a beat follows from one more beat whose start moves by dx/dtheta.
+// with both derivatives of the beat map from dual numbers, exactly those of the computed map. Where P keeps
+// an invariant (blood volume, charge) it is to hold its value itself, as a parameter; I - dP/dx is then
+// regular. Any output of a beat follows from one more beat whose start moves by dx/dtheta.
 #pragma once
 
 #include <cmath>
@@ -61,7 +61,8 @@ struct FixedPointDerivatives {
 
 // Newton with the derivatives at hand, until rounding stops it: x + (I - dP/dx)^-1 (P(x) - x).
 template <class Beat>
-std::vector<double> refined_fixed_point(std::vector<double> x, const FixedPointDerivatives& derivatives, Beat beat) {
+std::vector<double> refined_fixed_point(std::vector<double> x, const FixedPointDerivatives& derivatives,
+                                        Beat beat) {
   using Map = Eigen::Map<Eigen::VectorXd>;
   const auto n = static_cast<Eigen::Index>(x.size());
   double last = 0;
@@ -80,8 +81,8 @@ std::vector<double> refined_fixed_point(std::vector<double> x, const FixedPointD
 // Derivatives of the beat map's fixed point; beat(states, parameters) gives the image, by dual numbers.
 // Passes: (n_states + n_parameters) / tangent_lanes beats.
 template <class Beat>
-FixedPointDerivatives fixed_point_derivatives(const std::vector<double>& x, const std::vector<double>& parameters,
-                                        Beat beat) {
+FixedPointDerivatives fixed_point_derivatives(const std::vector<double>& x,
+                                              const std::vector<double>& parameters, Beat beat) {
   const int n = static_cast<int>(x.size()), m = static_cast<int>(parameters.size());
   Eigen::MatrixXd by_all(n, n + m);
   for (int first = 0; first < n + m; first += tangent_lanes) {
@@ -95,7 +96,8 @@ FixedPointDerivatives fixed_point_derivatives(const std::vector<double>& x, cons
     for (int j = 0; j < m; ++j) parameter.push_back(seed(parameters[j], n + j));
     const std::vector<Tangent> image = beat(state, parameter);
     for (int i = 0; i < n; ++i)
-      for (int k = 0; k < tangent_lanes && first + k < n + m; ++k) by_all(i, first + k) = image[i].derivative[k];
+      for (int k = 0; k < tangent_lanes && first + k < n + m; ++k)
+        by_all(i, first + k) = image[i].derivative[k];
   }
   const Eigen::MatrixXd system = Eigen::MatrixXd::Identity(n, n) - by_all.leftCols(n);
   FixedPointDerivatives result;
@@ -103,7 +105,8 @@ FixedPointDerivatives fixed_point_derivatives(const std::vector<double>& x, cons
   result.moves = result.newton.solve(by_all.rightCols(m));
   if (!result.moves.allFinite())
     throw NumericalFailure(
-        "the limit cycle has no derivatives here: a multiplier of its beat map is one, so the smallest change "
+        "the limit cycle has no derivatives here: a multiplier of its beat map is one, so the smallest "
+        "change "
         "of a parameter may move it anywhere");
   return result;
 }

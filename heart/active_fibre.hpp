@@ -60,8 +60,8 @@ template <class T>
 class ActiveFibreOf {
  public:
   // `rest_calcium_uM`: whose steady tension is removed; `place` names the piece of wall in messages.
-  ActiveFibreOf(ActiveFibreSettings settings, const std::vector<T>& force_parameters, const T& rest_calcium_uM,
-                std::unique_ptr<CellSourceOf<T>> cell, std::string place);
+  ActiveFibreOf(ActiveFibreSettings settings, const std::vector<T>& force_parameters,
+                const T& rest_calcium_uM, std::unique_ptr<CellSourceOf<T>> cell, std::string place);
 
   void start(const T& stretch);
   void begin_step(const T& t, const T& dt);

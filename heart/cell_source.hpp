@@ -135,7 +135,8 @@ class CyclicCalcium final : public CellSourceOf<T> {
     const auto& y = cycle_->calcium_uM;
     const T h = rows[k] - rows[k - 1], s = (when - rows[k - 1]) / h;
     const T left = h * slope_at(k - 1), right = h * slope_at(k), rise = y[k] - y[k - 1];
-    calcium_ = y[k - 1] + s * (left + s * (3.0 * rise - 2.0 * left - right + s * (left + right - 2.0 * rise)));
+    calcium_ =
+        y[k - 1] + s * (left + s * (3.0 * rise - 2.0 * left - right + s * (left + right - 2.0 * rise)));
   }
   T calcium_uM() const override { return calcium_; }
   bool has_potential() const override { return false; }

@@ -33,9 +33,8 @@ HeartDriverOf<T>::HeartDriverOf(DriverSettingsOf<T> settings, CirculationParamet
     values.push_back(value_of(field));
   });
   std::size_t k = 0;
-  for_each_circulation_parameter(plain_, [&](const std::string&, const Quantity&, double& field) {
-    field = values[k++];
-  });
+  for_each_circulation_parameter(
+      plain_, [&](const std::string&, const Quantity&, double& field) { field = values[k++]; });
   const PericardiumOf<T>& bag = settings_.pericardium;
   plain_bag_ = {value_of(bag.pressure_mmHg), value_of(bag.reference_volume_mL), value_of(bag.exponent)};
 }
@@ -77,8 +76,8 @@ void HeartDriverOf<T>::wanted_volumes(const T* p, T* volumes, double* slopes) co
   Jet pressure[n_chambers];
   for (int c = 0; c < n_chambers; ++c) pressure[c] = Jet::variable(value_of(p[c]), c);
   const auto Q = valve_flows<Jet>(plain_, pressure, Jet(value_of(y_[p_AR_SYS])), Jet(value_of(y_[p_AR_PUL])));
-  const Jet net[n_chambers] = {value_of(y_[Q_VEN_PUL]) - Q[MV], Q[MV] - Q[AV], value_of(y_[Q_VEN_SYS]) - Q[TV],
-                               Q[TV] - Q[PV]};
+  const Jet net[n_chambers] = {value_of(y_[Q_VEN_PUL]) - Q[MV], Q[MV] - Q[AV],
+                               value_of(y_[Q_VEN_SYS]) - Q[TV], Q[TV] - Q[PV]};
   const double dt = value_of(settings_.dt_s);
   for (int c = 0; c < n_chambers; ++c)
     for (int k = 0; k < n_chambers; ++k) slopes[n_chambers * c + k] = dt * net[c].derivative[k];
@@ -222,8 +221,8 @@ void HeartDriverOf<T>::step(const T& t, BeatAudit& audit) {
           "the circulation diverged at t = {:.4f} s of the beat: {} = {:.3g} {}. Its explicit "
           "step is stable below "
           "{:.2f} ms (2 L/R of the stiffest branch); dt_s is {} s. Take a smaller step{}.",
-          value_of(t) + value_of(dt), circulation_state_quantities[k].name, value_of(y_[k]), circulation_state_quantities[k].unit,
-          1e3 * largest_explicit_step(plain_), value_of(dt),
+          value_of(t) + value_of(dt), circulation_state_quantities[k].name, value_of(y_[k]),
+          circulation_state_quantities[k].unit, 1e3 * largest_explicit_step(plain_), value_of(dt),
           settings_.stabilise_volumes ? "" : ", or stabilise volumes (solver.stabilise.volumes = true)"));
 }
 

@@ -22,9 +22,9 @@ std::string with_total_volume(const Scene& scene) {
   const std::size_t pressure = text.find("\np_VEN_SYS = ", begin);
   if (begin != std::string::npos && pressure < end) {
     const std::size_t stop = text.find('\n', pressure + 1);
-    text.replace(pressure + 1, stop - pressure - 1,
-                 fmt::format("total_volume = {}",
-                             to_text(total_volume(scene.circulation, scene.initial.data()))));
+    text.replace(
+        pressure + 1, stop - pressure - 1,
+        fmt::format("total_volume = {}", to_text(total_volume(scene.circulation, scene.initial.data()))));
   }
   return text;
 }
@@ -76,7 +76,8 @@ void HeartStudy::for_each_number(AnyNumbers& n, Visit visit) const {
     }
     for (std::size_t k = 0; k < cell.force.size(); ++k)
       if (k != Rdq20::a_XB)  // the wall's own
-        visit(at + "force_changes." + std::string(Rdq20::parameters[k].name), Rdq20::parameters[k], cell.force[k]);
+        visit(at + "force_changes." + std::string(Rdq20::parameters[k].name), Rdq20::parameters[k],
+              cell.force[k]);
   }
   for (std::size_t w = 0; w < scene_.walls.size(); ++w) {
     auto& wall = n.walls[w];
@@ -106,9 +107,10 @@ void HeartStudy::for_each_number(AnyNumbers& n, Visit visit) const {
     if (r.epicardial_damping_Pa_s_per_m > 0.0)
       visit(at + "epicardial_damping_Pa_s_per_m", scene_keys::robin_c, r.epicardial_damping_Pa_s_per_m);
   }
-  for_each_circulation_parameter(n.circulation, [&](const std::string& name, const Quantity& quantity, auto& field) {
-    visit("circulation." + name, quantity, field);
-  });
+  for_each_circulation_parameter(n.circulation,
+                                 [&](const std::string& name, const Quantity& quantity, auto& field) {
+                                   visit("circulation." + name, quantity, field);
+                                 });
   if (n.bag.present()) {
     visit("pericardium.pressure_mmHg", scene_keys::bag_pressure, n.bag.pressure_mmHg);
     visit("pericardium.reference_volume_mL", scene_keys::bag_volume, n.bag.reference_volume_mL);
@@ -120,11 +122,13 @@ HeartStudy::HeartStudy(Scene scene) : scene_(std::move(scene)) {
   for (const WallPlan& wall : scene_.walls)
     if (wall.kind == "triseg")
       throw InputError(
-          "walls.ventricles: a study has no equations for triseg walls; use reduced or elastance walls for LV "
+          "walls.ventricles: a study has no equations for triseg walls; use reduced or elastance walls for "
+          "LV "
           "and RV");
   for (const auto& [name, cell] : scene_.cells)
     if (cell.ionic && !cell.from_limit_cycle)
-      throw InputError(fmt::format("cells.{}.start = \"published\": a study has its cells on their limit cycles", name));
+      throw InputError(
+          fmt::format("cells.{}.start = \"published\": a study has its cells on their limit cycles", name));
   text_ = with_total_volume(scene_);
 }
 
@@ -186,7 +190,8 @@ HeartStudy::Numbers<T> HeartStudy::numbers() const {
       result.walls.push_back(lifted);
     }
     std::vector<double> values;
-    for_each_number(plain, [&](const std::string&, const Quantity&, double value) { values.push_back(value); });
+    for_each_number(plain,
+                    [&](const std::string&, const Quantity&, double value) { values.push_back(value); });
     std::size_t k = 0;
     for_each_number(result, [&](const std::string&, const Quantity&, T& field) { field = values[k++]; });
     return result;
@@ -205,7 +210,8 @@ std::vector<NamedParameter> HeartStudy::parameters() const {
 void HeartStudy::set_parameters(std::span<const double> values) {
   const std::vector<NamedParameter> list = parameters();
   if (values.size() != list.size())
-    throw InputError(fmt::format("this heart has {} parameters, {} values were given", list.size(), values.size()));
+    throw InputError(
+        fmt::format("this heart has {} parameters, {} values were given", list.size(), values.size()));
   std::vector<std::string> overrides;
   for (std::size_t k = 0; k < values.size(); ++k) {
     check_range(list[k].quantity, values[k], list[k].name);
@@ -215,7 +221,8 @@ void HeartStudy::set_parameters(std::span<const double> values) {
     if (list[k].name == "heart.period_s") {
       const double ratio = values[k] / scene_.period_s;
       overrides.push_back(fmt::format("solver.dt_s={}", to_text(scene_.dt_s * ratio)));
-      overrides.push_back(fmt::format("solver.regulatory_substep_us={}", to_text(scene_.regulatory_substep_us * ratio)));
+      overrides.push_back(
+          fmt::format("solver.regulatory_substep_us={}", to_text(scene_.regulatory_substep_us * ratio)));
     }
   }
   if (overrides.empty()) return;
@@ -260,8 +267,8 @@ void HeartStudy::solve_cells() {
     const LimitCycleCertificate certificate = wiggers::to_limit_cycle(cell.study, cell.state, settings);
     if (certificate.verdict != LimitCycleVerdict::period_1)
       throw NumericalFailure(fmt::format("cells {}: {} at {} ms has no limit cycle: {} after {} beats", name,
-                                         type.ionic->name, scene_.period_s * 1e3, to_string(certificate.verdict),
-                                         certificate.beats));
+                                         type.ionic->name, scene_.period_s * 1e3,
+                                         to_string(certificate.verdict), certificate.beats));
     cell.state = refined_limit_cycle(cell.study, cell.state, wiggers::newton_at(cell.study, cell.state));
     const PacedRows rows = paced_rows(cell.study, cell.state);
     cell.raw.t_ms = rows.t_ms;
@@ -280,7 +287,8 @@ void HeartStudy::differentiate(SolvedCell& cell) const {
     const PacedTrace trace = tangents.trace(static_cast<int>(first));
     for (std::size_t row = 0; row < n; ++row)
       for (std::size_t k = 0; k < tangent_lanes && first + k < m; ++k) {
-        cell.calcium_derivatives[row * m + first + k] = units::uM_per_mM * trace.calcium_mM[row].derivative[k];
+        cell.calcium_derivatives[row * m + first + k] =
+            units::uM_per_mM * trace.calcium_mM[row].derivative[k];
         cell.time_derivatives[row * m + first + k] = trace.t_ms[row].derivative[k];
       }
   }
@@ -304,7 +312,8 @@ HeartStudy::CalciumOf<T> HeartStudy::calcium(const Numbers<T>& n) {
         differentiate(cell);
         for (std::size_t row = 0; row < cell.raw.t_ms.size(); ++row)
           for (int k = 0; k < tangent_lanes; ++k) {
-            cycle->calcium_uM[row].derivative[k] += cell.calcium_derivatives[row * ionic.size() + j] * seeds[k];
+            cycle->calcium_uM[row].derivative[k] +=
+                cell.calcium_derivatives[row * ionic.size() + j] * seeds[k];
             cycle->t_ms[row].derivative[k] += cell.time_derivatives[row * ionic.size() + j] * seeds[k];
           }
       }
@@ -312,7 +321,8 @@ HeartStudy::CalciumOf<T> HeartStudy::calcium(const Numbers<T>& n) {
     const T factor = n.cells.at(name).calcium_factor;
     const T diastolic = *std::min_element(cycle->calcium_uM.begin(), cycle->calcium_uM.end());
     const bool peak = scene_.cells.at(name).rescaling.reading == CalciumReading::peak;
-    for (T& value : cycle->calcium_uM) value = peak ? T(diastolic + factor * (value - diastolic)) : T(factor * value);
+    for (T& value : cycle->calcium_uM)
+      value = peak ? T(diastolic + factor * (value - diastolic)) : T(factor * value);
     cycle->lowest_uM = peak ? diastolic : T(factor * diastolic);
     result.emplace(name, std::move(cycle));
   }
@@ -327,7 +337,8 @@ std::unique_ptr<HeartDriverOf<T>> HeartStudy::build(const Numbers<T>& n, const C
     const WallPlan& plan = scene_.walls[w];
     const auto& wall = n.walls[w];
     if (plan.kind == "elastance") {
-      walls.push_back(std::make_unique<ElastanceWallOf<T>>(plan.cavities.front(), wall.elastance, n.period_s));
+      walls.push_back(
+          std::make_unique<ElastanceWallOf<T>>(plan.cavities.front(), wall.elastance, n.period_s));
       continue;
     }
     const FibrePlan& fibre = plan.fibres.front();
@@ -348,7 +359,8 @@ std::unique_ptr<HeartDriverOf<T>> HeartStudy::build(const Numbers<T>& n, const C
   }
   const double steps = std::round(scene_.period_s / scene_.dt_s);
   return std::make_unique<HeartDriverOf<T>>(
-      DriverSettingsOf<T>{n.period_s, T(n.period_s / steps), scene_.stabilise_volumes, scene_.implicit_inductors, n.bag},
+      DriverSettingsOf<T>{n.period_s, T(n.period_s / steps), scene_.stabilise_volumes,
+                          scene_.implicit_inductors, n.bag},
       n.circulation, std::move(walls));
 }
 
@@ -436,17 +448,17 @@ FixedPointDerivatives HeartStudy::cycle_derivatives(const std::vector<double>& s
   for (std::size_t index : active) values.push_back(all[index].value);
   const double passes = std::ceil(static_cast<double>(state.size() + values.size()) / tangent_lanes);
   double done = 0;
-  return fixed_point_derivatives(state, values,
-                                 [&](const std::vector<Tangent>& start, const std::vector<Tangent>& parameter) {
-                                   Tangent volume, stimulus;
-                                   const auto heart = moving_heart(active, parameter, volume, stimulus);
-                                   heart->restore(start);
-                                   heart->beat_rows([](const Tangent&) {});
-                                   std::vector<Tangent> image = heart->save();
-                                   hold_total_volume(heart->circulation(), image.data(), volume);
-                                   if (after_pass) after_pass(++done / passes);
-                                   return image;
-                                 });
+  return fixed_point_derivatives(
+      state, values, [&](const std::vector<Tangent>& start, const std::vector<Tangent>& parameter) {
+        Tangent volume, stimulus;
+        const auto heart = moving_heart(active, parameter, volume, stimulus);
+        heart->restore(start);
+        heart->beat_rows([](const Tangent&) {});
+        std::vector<Tangent> image = heart->save();
+        hold_total_volume(heart->circulation(), image.data(), volume);
+        if (after_pass) after_pass(++done / passes);
+        return image;
+      });
 }
 
 FixedPointDerivatives HeartStudy::newton_at(const HeartState& state) {

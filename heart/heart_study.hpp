@@ -48,8 +48,8 @@ class HeartStudy {
   // The limit cycle, from the scene's initial state or from a state nearby.
   HeartState to_limit_cycle(const LimitCycleSettings& settings, const HeartState* near,
                             const std::function<void(const LimitCycleCertificate&)>& after_beat = {});
-  // Derivatives of the beat map by the state alone, and the state brought onto the cycle to rounding by Newton
-  // with them; those of a neighbouring cycle do.
+  // Derivatives of the beat map by the state alone, and the state brought onto the cycle to rounding by
+  // Newton with them; those of a neighbouring cycle do.
   FixedPointDerivatives newton_at(const HeartState& state);
   HeartState refined(const HeartState& state, const FixedPointDerivatives& derivatives);
 

@@ -160,7 +160,8 @@ struct BeatTraceOf {
 inline constexpr double valve_debounce_s = 1.5e-3;
 
 // The trace needs time t_s (first row 0, last row the period), V_*, p_*, Q_* and the arteries' pressures.
-BeatIndexes compute_indexes(const Table& trace, double atrial_stimulus_s, double debounce_s = valve_debounce_s);
+BeatIndexes compute_indexes(const Table& trace, double atrial_stimulus_s,
+                            double debounce_s = valve_debounce_s);
 
 // Largest alternating step-to-step change: max over n of min(|d_n|, |d_n-1|) where d_n d_n-1 < 0.
 double largest_flip(const std::vector<double>& series);

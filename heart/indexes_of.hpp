@@ -301,7 +301,8 @@ BeatIndexesOf<T> compute_indexes_of(const BeatTraceOf<T>& trace, const T& atrial
     }
 
     VentricleIndexesOf<T>& w = r.ventricle[side];
-    w.EDV_mL = r.valve[atrial_valve].closes_s ? at_time(rows, V, *r.valve[atrial_valve].closes_s) : largest(rows, V);
+    w.EDV_mL =
+        r.valve[atrial_valve].closes_s ? at_time(rows, V, *r.valve[atrial_valve].closes_s) : largest(rows, V);
     w.ESV_mL = smallest(rows, V);
     w.SV_mL = w.EDV_mL - w.ESV_mL;
     w.EF_percent = 100.0 * w.SV_mL / w.EDV_mL;

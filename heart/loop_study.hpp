@@ -26,4 +26,10 @@ BeatIndexes loop_indexes(const Loop& loop, const CirculationValues& start, doubl
 // steps of dt_s. `on_cycle`: its limit cycle, as close as to_limit_cycle() gets.
 Sensitivities loop_sensitivities(const Loop& loop, const CirculationValues& on_cycle, double dt_s);
 
+// The cross-check: derivatives of the state on the cycle, [state][parameter], by CVODES' forward
+// sensitivities of the differential equations at a relative tolerance, from the cycle of integrator cvode.
+// Any valve law.
+std::vector<double> loop_cycle_derivatives_by_cvodes(const Loop& loop, const CirculationValues& on_cycle,
+                                                     double relative_tolerance);
+
 }  // namespace wiggers

@@ -80,7 +80,8 @@ void ReducedWallOf<T>::linearise(const T* pressures, T* volumes, double* dV_dp) 
   const FibreLaw<T> law = fibre_.law();
   const FibreLaw<double> plain_law{law.active, value_of(law.tension_kPa), value_of(law.stiffness_kPa),
                                    value_of(law.stretch)};
-  const Jet p = pressure_kPa(plain_, plain_law, value_of(V_), value_of(dt_), Jet::variable(value_of(newton_V_), 0));
+  const Jet p =
+      pressure_kPa(plain_, plain_law, value_of(V_), value_of(dt_), Jet::variable(value_of(newton_V_), 0));
   dV_dp_ = 1 / (p.derivative[0] * units::mmHg_per_kPa);
   T here;
   if constexpr (std::is_same_v<T, double>)

@@ -81,7 +81,8 @@ T usyk_fibre_stress(const UsykLawOf<P>& law, const T& lambda2) {
 }
 
 template <class T, class P, int n>
-T passive_pressure(const SphereWallOf<P>& wall, const UsykLawOf<P>& law, const GaussRule<n>& rule, const T& V) {
+T passive_pressure(const SphereWallOf<P>& wall, const UsykLawOf<P>& law, const GaussRule<n>& rule,
+                   const T& V) {
   T sum(0.0);
   for (int q = 0; q < n; ++q) {
     const P xi = wall.V0_mL + wall.Vw_mL * rule.point[q];

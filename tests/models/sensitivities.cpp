@@ -1,9 +1,10 @@
 // Derivatives through the limit cycle against central differences of tightly converged cycles.
 //
-// Differences of two steps are combined by Richardson. A derivative counts as wrong by its difference over the
-// larger of the two, and of a hundredth of |output/parameter|: what moves an output by less than 1e-4 of itself
-// for a change of the parameter by one percent is below what differences can resolve. Steps do not divide the
-// spans between break points: where they do, the scheme has a kink and its derivative is one-sided.
+// Differences of two steps are combined by Richardson. A derivative counts as wrong by its difference over
+// the larger of the two, and of a hundredth of |output/parameter|: what moves an output by less than 1e-4 of
+// itself for a change of the parameter by one percent is below what differences can resolve. Steps do not
+// divide the spans between break points: where they do, the scheme has a kink and its derivative is
+// one-sided.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <map>
@@ -23,16 +24,16 @@ bool is_event_time(const std::string& output) {
   return output.ends_with("opens_s") || output.ends_with("closes_s") || output.ends_with("time_to_peak_ms");
 }
 
-// solve(parameter, value) gives the outputs of a tightly converged cycle. Returns the worst errors (smooth outputs,
-// event times) over all pairs and how many pairs were compared.
+// solve(parameter, value) gives the outputs of a tightly converged cycle. Returns the worst errors (smooth
+// outputs, event times) over all pairs and how many pairs were compared.
 struct Worst {
   double smooth = 0, events = 0;
   std::size_t compared = 0;
   std::string smooth_at, events_at;
 };
 template <class Solve>
-Worst compare(const Sensitivities& table, const std::vector<NamedParameter>& parameters, const std::vector<double>& relative_steps,
-              Solve solve) {
+Worst compare(const Sensitivities& table, const std::vector<NamedParameter>& parameters,
+              const std::vector<double>& relative_steps, Solve solve) {
   Worst worst;
   for (std::size_t j = 0; j < table.parameters.size(); ++j) {
     const auto& p = *std::find_if(parameters.begin(), parameters.end(),
@@ -66,7 +67,8 @@ Worst compare(const Sensitivities& table, const std::vector<NamedParameter>& par
       }
       const double exact = table.derivatives[i * table.parameters.size() + j];
       const double floor = 0.01 * std::abs(table.values[i]) / size;
-      const double error = std::abs(quotient - exact) / std::max({std::abs(quotient), std::abs(exact), floor});
+      const double error =
+          std::abs(quotient - exact) / std::max({std::abs(quotient), std::abs(exact), floor});
       double& largest = is_event_time(name) ? worst.events : worst.smooth;
       if (error > largest) {
         largest = error;
@@ -103,7 +105,8 @@ TEST_CASE("steps that end at valve events keep the fourth order of Runge-Kutta")
 
 TEST_CASE("loop sensitivities agree with differences") {
   Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
-  // No two break points coincide: where they do, a parameter that moves one of them has one-sided derivatives.
+  // No two break points coincide: where they do, a parameter that moves one of them has one-sided
+  // derivatives.
   set_loop_parameter(loop, "elastance.LA.tC", 0.6487);
   set_loop_parameter(loop, "elastance.LV.tC", 0.0127);
   set_loop_parameter(loop, "elastance.RV.tC", 0.0171);
@@ -121,14 +124,15 @@ TEST_CASE("loop sensitivities agree with differences") {
   const Sensitivities table = loop_sensitivities(loop, on_cycle, dt);
   REQUIRE(table.parameters.size() == 46);
   REQUIRE(table.outputs.size() == 75);
-  const Worst worst = compare(table, loop_parameters(loop), {3e-4, 3e-5, 3e-6}, [&](const std::string& name, double value) {
-    Loop changed = loop;
-    set_loop_parameter(changed, name, value);
-    Outputs outputs;
-    for_each_index(loop_indexes(changed, cycle(changed, on_cycle), dt),
-                   [&](const std::string& index, const char*, double x) { outputs[index] = x; });
-    return outputs;
-  });
+  const Worst worst =
+      compare(table, loop_parameters(loop), {3e-4, 3e-5, 3e-6}, [&](const std::string& name, double value) {
+        Loop changed = loop;
+        set_loop_parameter(changed, name, value);
+        Outputs outputs;
+        for_each_index(loop_indexes(changed, cycle(changed, on_cycle), dt),
+                       [&](const std::string& index, const char*, double x) { outputs[index] = x; });
+        return outputs;
+      });
   INFO(worst.smooth_at << " " << worst.smooth << ", " << worst.events_at << " " << worst.events);
   CHECK(worst.compared == 46 * 75);
   CHECK(worst.smooth < 1e-5);
@@ -162,6 +166,35 @@ TEST_CASE("loop sensitivities converge with the step") {
   CHECK(half < 0.6 * coarse);
 }
 
+TEST_CASE("loop sensitivities by dual numbers and by CVODES agree") {
+  const auto compare_at = [](const char* set, double dt, double rtol) {
+    const Loop loop = find_circulation_set(set).loop;
+    CirculationValues steps = loop.initial, adaptive = loop.initial;
+    LoopSolver(loop, {"runge-kutta-4", 1e-9, 1e-9, dt}).to_limit_cycle(steps, loop_cycle_settings(1e-10));
+    LoopSolver(loop, {"cvode", rtol, rtol, 1e-3}).to_limit_cycle(adaptive, loop_cycle_settings(1e-9));
+    const Sensitivities table = loop_sensitivities(loop, steps, dt);
+    const std::vector<double> check = loop_cycle_derivatives_by_cvodes(loop, adaptive, rtol);
+    REQUIRE(check.size() == table.state_derivatives.size());
+    const auto parameters = loop_parameters(loop);
+    const auto scales = circulation_scales();
+    // Elasticities of the scaled state.
+    double largest = 0;
+    for (std::size_t k = 0; k < check.size(); ++k) {
+      const double size = std::max(0.05, std::abs(parameters[k % parameters.size()].value));
+      largest = std::max(
+          largest, std::abs(check[k] - table.state_derivatives[k]) * size / scales[k / parameters.size()]);
+    }
+    return largest;
+  };
+  const double diode = compare_at("wiggers-healthy-0d", 2.5e-4, 1e-10);
+  INFO(diode);
+  CHECK(diode < 1e-5);
+  // A smooth law that turns within microseconds: fixed steps see it late, their derivatives are rougher.
+  const double smooth = compare_at("baseline75", 5e-5, 1e-9);
+  INFO(smooth);
+  CHECK(smooth < 1e-3);
+}
+
 namespace {
 void check_cell(const char* name, double dt_ms) {
   CellStudy study = make_cell_study(find_model(name));
@@ -174,14 +207,17 @@ void check_cell(const char* name, double dt_ms) {
   REQUIRE(table.outputs.size() >= 25);
   REQUIRE(table.parameters.size() + 1 == cell_study_parameters(study).size());
   // Differences of one set of parameters a thread of control: every cycle to rounding.
-  const Worst worst = compare(table, cell_study_parameters(study), {1e-4, 1e-5}, [&](const std::string& name, double value) {
-    CellStudy changed = study;
-    set_cell_study_parameter(changed, name, value);
-    Outputs outputs;
-    for (const NamedValue& v : cell_indexes(changed, refined_limit_cycle(changed, y, newton))) outputs[v.name] = v.value;
-    return outputs;
-  });
-  INFO(name << ": " << worst.smooth_at << " " << worst.smooth << ", " << worst.events_at << " " << worst.events);
+  const Worst worst =
+      compare(table, cell_study_parameters(study), {1e-4, 1e-5}, [&](const std::string& name, double value) {
+        CellStudy changed = study;
+        set_cell_study_parameter(changed, name, value);
+        Outputs outputs;
+        for (const NamedValue& v : cell_indexes(changed, refined_limit_cycle(changed, y, newton)))
+          outputs[v.name] = v.value;
+        return outputs;
+      });
+  INFO(name << ": " << worst.smooth_at << " " << worst.smooth << ", " << worst.events_at << " "
+            << worst.events);
   CHECK(worst.smooth < 1e-5);
   CHECK(worst.events < 1e-3);
 }
@@ -265,14 +301,15 @@ TEST_CASE("heart sensitivities agree with differences") {
   state = heart.refined(state, newton);
   const Sensitivities table = heart.sensitivities(state);
   REQUIRE(table.parameters.size() >= 70);
-  const Worst worst = compare(table, heart.parameters(), {1e-4, 1e-5}, [&](const std::string& name, double value) {
-    HeartStudy changed = heart.copy();
-    changed.set_parameter(name, value);
-    Outputs outputs;
-    for_each_index(changed.indexes(changed.refined(state, newton)),
-                   [&](const std::string& index, const char*, double x) { outputs[index] = x; });
-    return outputs;
-  });
+  const Worst worst =
+      compare(table, heart.parameters(), {1e-4, 1e-5}, [&](const std::string& name, double value) {
+        HeartStudy changed = heart.copy();
+        changed.set_parameter(name, value);
+        Outputs outputs;
+        for_each_index(changed.indexes(changed.refined(state, newton)),
+                       [&](const std::string& index, const char*, double x) { outputs[index] = x; });
+        return outputs;
+      });
   INFO(worst.smooth_at << " " << worst.smooth << ", " << worst.events_at << " " << worst.events);
   CHECK(worst.smooth < 1e-5);
   CHECK(worst.events < 1e-3);
@@ -290,10 +327,12 @@ TEST_CASE("a study's heart is the driver's, and every parameter is the scene's k
     HeartStudy changed = heart.copy();
     changed.set_parameter(p.name, value);
     for (const NamedParameter& q : changed.parameters())
-      CHECK(q.value == Approx(q.name == p.name ? value
-                                               : std::find_if(list.begin(), list.end(), [&](const NamedParameter& r) {
-                                                   return r.name == q.name;
-                                                 })->value).epsilon(1e-12));
+      CHECK(q.value == Approx(q.name == p.name
+                                  ? value
+                                  : std::find_if(list.begin(), list.end(),
+                                                 [&](const NamedParameter& r) { return r.name == q.name; })
+                                        ->value)
+                           .epsilon(1e-12));
   }
 }
 
@@ -305,7 +344,8 @@ TEST_CASE("studies refuse what they have no text for") {
   study.integrator = "cvode";
   CHECK_THROWS_WITH(cell_indexes(study, start_of(study)), Catch::Contains("rush-larsen"));
   Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
-  CHECK_THROWS_WITH(set_loop_parameter(loop, "elastance.LV.TC", 0.7), Catch::Contains("longer than the period"));
+  CHECK_THROWS_WITH(set_loop_parameter(loop, "elastance.LV.TC", 0.7),
+                    Catch::Contains("longer than the period"));
   CHECK_THROWS_WITH(set_loop_parameter(loop, "valves.MV.Rmax", 1e-3), Catch::Contains("below Rmin"));
   CHECK(loop.elastance[LV].TC == 0.272);
   HeartStudy heart(read_scene_text(small_heart, "small heart", {"solver.regulation=frozen-midpoint"}));
