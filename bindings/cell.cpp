@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <wiggers/cellmodels/cell_lanes.hpp>
 #include <wiggers/cellmodels/cell_study.hpp>
 
 #include "common.hpp"
@@ -203,7 +204,7 @@ void bind_cell(py::module_& m) {
           "batch",
           [](const CellModelOfPython& cell, const std::vector<std::string>& names, const Array& samples,
              std::optional<Array> near, double distance, int max_beats, int threads,
-             const std::function<void(double)>& progress) {
+             const std::function<void(double)>& progress, bool lanes) {
             const std::size_t n = static_cast<std::size_t>(samples.shape(0)), k = names.size();
             auto [indexes, units] = cell_index_names(*cell.study.model);
             std::vector<Quantity> known;
@@ -220,30 +221,51 @@ void bind_cell(py::module_& m) {
             const std::vector<std::string> order = indexes;
             const double* values = samples.data();
             py::gil_scoped_release unlock;
-            return run_batch(
-                n, threads, indexes, units, cell.n_states(),
-                [&](std::size_t sample, double* out, double* state) {
-                  std::vector<double> all = base;
-                  for (std::size_t j = 0; j < k; ++j) all[position[j]] = values[sample * k + j];
-                  CellStudy study = cell.study;
-                  set_cell_study_parameters(study, all);
-                  std::vector<double> y = near ? start : start_of(study);
-                  const auto certificate = to_limit_cycle(study, y, settings);
-                  if (certificate.verdict != LimitCycleVerdict::period_1)
-                    throw NumericalFailure(fmt::format("no limit cycle: {} after {} beats, distance {:.2g}",
-                                                       to_string(certificate.verdict), certificate.beats,
-                                                       certificate.distance));
-                  std::size_t next = 0;
-                  for (const NamedValue& value : cell_indexes(study, y)) {
-                    while (order[next] != value.name) ++next;
-                    out[next++] = value.value;
-                  }
-                  std::copy(y.begin(), y.end(), state);
-                },
-                progress);
+            const auto study_of = [&](std::size_t sample) {
+              std::vector<double> all = base;
+              for (std::size_t j = 0; j < k; ++j) all[position[j]] = values[sample * k + j];
+              CellStudy study = cell.study;
+              set_cell_study_parameters(study, all);
+              return study;
+            };
+            const auto fill = [&](const CellStudy& study, const std::vector<double>& y, double* out,
+                                  double* state) {
+              std::size_t next = 0;
+              for (const NamedValue& value : cell_indexes(study, y)) {
+                while (order[next] != value.name) ++next;
+                out[next++] = value.value;
+              }
+              std::copy(y.begin(), y.end(), state);
+            };
+            const auto one_by_one = [&](std::size_t sample, double* out, double* state) {
+              const CellStudy study = study_of(sample);
+              std::vector<double> y = near ? start : start_of(study);
+              const auto certificate = to_limit_cycle(study, y, settings);
+              if (certificate.verdict != LimitCycleVerdict::period_1)
+                throw NumericalFailure(fmt::format("no limit cycle: {} after {} beats, distance {:.2g}",
+                                                   to_string(certificate.verdict), certificate.beats,
+                                                   certificate.distance));
+              fill(study, y, out, state);
+            };
+            const auto side_by_side = [&](const std::vector<std::size_t>& group, const BatchFill& fill_row) {
+              std::vector<CellStudy> studies;
+              std::vector<std::vector<double>> states;
+              for (std::size_t sample : group) {
+                studies.push_back(study_of(sample));
+                states.push_back(near ? start : start_of(studies.back()));
+              }
+              if (!share_pacing(studies)) return false;
+              const auto results = to_limit_cycles_in_lanes(studies, std::move(states), settings);
+              for (std::size_t i = 0; i < group.size(); ++i)
+                fill_row(group[i], results[i].reason,
+                         [&](double* out, double* state) { fill(studies[i], results[i].state, out, state); });
+              return true;
+            };
+            return run_batch(n, threads, indexes, units, cell.n_states(), one_by_one, progress,
+                             lanes ? cells_in_lanes : 1, side_by_side);
           },
           py::arg("names"), py::arg("samples"), py::arg("near"), py::arg("distance"), py::arg("max_beats"),
-          py::arg("threads"), py::arg("progress"));
+          py::arg("threads"), py::arg("progress"), py::arg("lanes"));
 }
 
 }  // namespace wiggers::python

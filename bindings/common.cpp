@@ -71,7 +71,8 @@ LimitCycleSettings cycle_settings(double distance, int max_beats, const std::str
 BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names,
                     std::vector<std::string> units, std::size_t n_states,
                     const std::function<void(std::size_t, double*, double*)>& solve,
-                    const std::function<void(double)>& progress) {
+                    const std::function<void(double)>& progress, std::size_t group,
+                    const std::function<bool(const std::vector<std::size_t>&, const BatchFill&)>& together) {
   if (threads < 1 || threads > 1024)
     throw InputError(fmt::format("threads = {} is outside 1 to 1024", threads));
   BatchRows rows;
@@ -85,16 +86,36 @@ BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names,
   rows.reasons.assign(n, "");
   std::atomic<std::size_t> next{0};
   std::atomic<bool> stop{false};
+  // Rows are written whole or not at all.
+  const BatchFill fill = [&](std::size_t k, const std::string& reason,
+                             const std::function<void(double*, double*)>& write) {
+    if (!reason.empty()) {
+      rows.reasons[k] = reason;
+      return;
+    }
+    std::vector<double> values(m, nothing), state(n_states, nothing);
+    try {
+      write(values.data(), state.data());
+      std::copy(values.begin(), values.end(), rows.values.begin() + static_cast<long>(k * m));
+      std::copy(state.begin(), state.end(), rows.states.begin() + static_cast<long>(k * n_states));
+    } catch (const std::exception& error) {
+      rows.reasons[k] = error.what();
+    }
+  };
   const auto work = [&] {
-    for (std::size_t k = next++; k < n && !stop; k = next++) {
-      std::vector<double> values(m, nothing), state(n_states, nothing);
-      try {
-        solve(k, values.data(), state.data());
-        std::copy(values.begin(), values.end(), rows.values.begin() + static_cast<long>(k * m));
-        std::copy(state.begin(), state.end(), rows.states.begin() + static_cast<long>(k * n_states));
-      } catch (const std::exception& error) {
-        rows.reasons[k] = error.what();
+    for (std::size_t first = next.fetch_add(group); first < n && !stop; first = next.fetch_add(group)) {
+      std::vector<std::size_t> samples;
+      for (std::size_t k = first; k < std::min(n, first + group); ++k) samples.push_back(k);
+      bool solved = false;
+      if (together && samples.size() > 1) {
+        try {
+          solved = together(samples, fill);
+        } catch (const std::exception&) {
+          // Whichever sample it was: each for itself says.
+        }
       }
+      for (std::size_t k : samples)
+        if (!solved && !stop) fill(k, "", [&](double* values, double* state) { solve(k, values, state); });
     }
   };
   const auto count = std::min<std::size_t>(static_cast<std::size_t>(threads), std::max<std::size_t>(1, n));

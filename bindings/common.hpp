@@ -44,11 +44,17 @@ struct BatchRows {
   std::vector<double> states;             // [sample][state] on the cycles, NaN where there is none
   std::size_t n_states = 0;
 };
+// Fills the row of one sample: write(values, state), unless it has a reason to have none.
+using BatchFill = std::function<void(std::size_t, const std::string& reason,
+                                     const std::function<void(double*, double*)>& write)>;
 // Solves n samples in threads; solve(k, values, state) fills one row. What it throws is the sample's reason.
-BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names,
-                    std::vector<std::string> units, std::size_t n_states,
-                    const std::function<void(std::size_t, double*, double*)>& solve,
-                    const std::function<void(double)>& progress);
+// together(samples, fill), if given, may solve up to `group` samples at once; where it returns false or
+// throws, they are solved one by one.
+BatchRows run_batch(
+    std::size_t n, int threads, std::vector<std::string> names, std::vector<std::string> units,
+    std::size_t n_states, const std::function<void(std::size_t, double*, double*)>& solve,
+    const std::function<void(double)>& progress, std::size_t group = 1,
+    const std::function<bool(const std::vector<std::size_t>&, const BatchFill&)>& together = {});
 
 void bind_common(py::module_& m);
 void bind_cell(py::module_& m);

@@ -23,6 +23,7 @@ class _Periodic:
 
     _core: Any
     _kind: str
+    _batch_options: dict[str, Any] = {}
 
     @property
     def parameters(self) -> Parameters:
@@ -101,7 +102,7 @@ class _Periodic:
             return Batch.join(done)
         with showing(progress, f"{self._kind}: batch", 1) as shown:
             rows = self._core.batch(names, values, start, distance, max_beats, threads or os.cpu_count() or 1,
-                                    shown.share)
+                                    shown.share, **self._batch_options)
         return Batch(rows.names, rows.units, rows.values, rows.states, rows.reasons, names, values)
 
     def _sensitivities(self, table: _core.SensitivityTable) -> Sensitivities:
@@ -125,6 +126,8 @@ class Cell(_Periodic):
         self._core.set_integrator(integrator, dt_ms)
         self._kind = model
         self._settings = (model, integrator, dt_ms)
+        # Batches pace cells that share their pacing in SIMD lanes.
+        self._batch_options = {"lanes": True}
         if changes:
             self.parameters.update(changes)
 
