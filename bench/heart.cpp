@@ -3,9 +3,9 @@
 #include <benchmark/benchmark.h>
 #include <sys/resource.h>
 
+#include <wiggers/heart/accuracy.hpp>
 #include <wiggers/heart/heart_study.hpp>
 #include <wiggers/heart/loop_study.hpp>
-#include <wiggers/heart/accuracy.hpp>
 #include <wiggers/heart/run.hpp>
 
 using namespace wiggers;
@@ -45,9 +45,11 @@ void loop_cycle(benchmark::State& state, const char* integrator) {
   state.counters["beats"] = beats;
 }
 
-// All derivatives on the limit cycle, 75 indexes by 46 parameters; to be divided by loop_cycle of the same set.
+// All derivatives on the limit cycle, 75 indexes by 46 parameters; to be divided by loop_cycle of the same
+// set.
 void healthy_cycle(benchmark::State& state) {
-  const LoopSolver solver(find_circulation_set("wiggers-healthy-0d").loop, {"runge-kutta-4", 1e-9, 1e-9, 1e-3});
+  const LoopSolver solver(find_circulation_set("wiggers-healthy-0d").loop,
+                          {"runge-kutta-4", 1e-9, 1e-9, 1e-3});
   for (auto _ : state) {
     CirculationValues values = solver.loop().initial;
     benchmark::DoNotOptimize(solver.to_limit_cycle(values, loop_cycle_settings(1e-8)).beats);
@@ -74,10 +76,12 @@ void cell_gradient(benchmark::State& state) {
   to_limit_cycle(study, y, LimitCycleSettings{});
   for (auto _ : state) benchmark::DoNotOptimize(cell_sensitivities(study, y).values[0]);
 }
-// The whole heart's study: cells and all walls from the scene's start; one warm start; 20 parameters' derivatives.
+// The whole heart's study: cells and all walls from the scene's start; one warm start; 20 parameters'
+// derivatives.
 void study_cold(benchmark::State& state) {
   const Scene scene = read_scene(std::string(WIGGERS_SCENES) + "/whole_heart.toml", {});
-  for (auto _ : state) benchmark::DoNotOptimize(HeartStudy(scene).to_limit_cycle({}, nullptr).certificate.beats);
+  for (auto _ : state)
+    benchmark::DoNotOptimize(HeartStudy(scene).to_limit_cycle({}, nullptr).certificate.beats);
 }
 void study_warm(benchmark::State& state) {
   HeartStudy heart(read_scene(std::string(WIGGERS_SCENES) + "/whole_heart.toml", {}));
@@ -94,7 +98,8 @@ void study_gradient(benchmark::State& state) {
   const HeartState cycle = heart.to_limit_cycle({}, nullptr);
   std::vector<std::string> names;
   for (const NamedParameter& p : heart.parameters())
-    if (p.name.starts_with("circulation.circuit") || p.name.ends_with("a_XB_kPa") || p.name.ends_with("stiffness_kPa"))
+    if (p.name.starts_with("circulation.circuit") || p.name.ends_with("a_XB_kPa") ||
+        p.name.ends_with("stiffness_kPa"))
       names.push_back(p.name);
   state.counters["parameters"] = static_cast<double>(names.size());
   for (auto _ : state) benchmark::DoNotOptimize(heart.sensitivities(cycle, names).values[0]);

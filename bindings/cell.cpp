@@ -82,8 +82,7 @@ void bind_cell(py::module_& m) {
             CellStudy changed = cell.study;
             changed.integrator = name;
             changed.dt_ms = dt_ms;
-            (void)cell_indexes(changed, changed.model->default_state());  // refuses names it does not know
-            check_protocol(*changed.model, changed.protocol, {name, 1e-8, 1e-10, dt_ms});
+            check_study(changed);
             cell.study = changed;
           },
           py::arg("name"), py::arg("dt_ms"))
@@ -125,7 +124,7 @@ void bind_cell(py::module_& m) {
           py::arg("t"), py::arg("y"))
       .def(
           "to_limit_cycle",
-          [](const CellModelOfPython& cell, std::optional<Array> near, double distance, int max_beats,
+          [](CellModelOfPython cell, std::optional<Array> near, double distance, int max_beats,
              const std::string& method, const ProgressCall& progress) {
             std::vector<double> state = near ? cell.state(*near) : start_of(cell.study);
             const LimitCycleSettings settings = cycle_settings(distance, max_beats, method);
@@ -139,7 +138,7 @@ void bind_cell(py::module_& m) {
           py::arg("near"), py::arg("distance"), py::arg("max_beats"), py::arg("method"), py::arg("progress"))
       .def(
           "refined",
-          [](const CellModelOfPython& cell, const Array& near) {
+          [](CellModelOfPython cell, const Array& near) {
             std::vector<double> state = cell.state(near);
             {
               py::gil_scoped_release unlock;
@@ -150,7 +149,7 @@ void bind_cell(py::module_& m) {
           py::arg("near"))
       .def(
           "run",
-          [](const CellModelOfPython& cell, const Array& start, int beats, double sample_ms,
+          [](CellModelOfPython cell, const Array& start, int beats, double sample_ms,
              const std::string& integrator, double rtol, double atol, const ProgressCall& progress) {
             std::vector<double> state = cell.state(start);
             auto table = std::make_shared<Table>();
@@ -193,8 +192,7 @@ void bind_cell(py::module_& m) {
           py::arg("start"))
       .def(
           "sensitivities",
-          [](const CellModelOfPython& cell, const Array& on_cycle,
-             const std::function<void(double)>& progress) {
+          [](CellModelOfPython cell, const Array& on_cycle, const std::function<void(double)>& progress) {
             const std::vector<double> state = cell.state(on_cycle);
             py::gil_scoped_release unlock;
             return cell_sensitivities(cell.study, state, after_pass(progress));
@@ -202,7 +200,7 @@ void bind_cell(py::module_& m) {
           py::arg("on_cycle"), py::arg("progress"))
       .def(
           "batch",
-          [](const CellModelOfPython& cell, const std::vector<std::string>& names, const Array& samples,
+          [](CellModelOfPython cell, const std::vector<std::string>& names, const Array& samples,
              std::optional<Array> near, double distance, int max_beats, int threads,
              const std::function<void(double)>& progress, bool lanes) {
             const std::size_t n = static_cast<std::size_t>(samples.shape(0)), k = names.size();

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <mutex>
+#include <system_error>
 #include <thread>
 
 namespace wiggers::python {
@@ -121,15 +122,20 @@ BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names,
   const auto count = std::min<std::size_t>(static_cast<std::size_t>(threads), std::max<std::size_t>(1, n));
   std::vector<std::thread> pool;
   std::atomic<std::size_t> ended{0};
-  for (std::size_t t = 0; t < count; ++t)
-    pool.emplace_back([&] {
-      work();
-      ++ended;
-    });
+  for (std::size_t t = 0; t < count; ++t) try {
+      pool.emplace_back([&] {
+        work();
+        ++ended;
+      });
+    } catch (const std::system_error&) {
+      // No more threads to be had: those that run do the work; without any it is done here.
+      if (pool.empty()) work();
+      break;
+    }
   // This thread looks after signals and progress meanwhile; both may end the batch.
   std::exception_ptr failure;
   auto shown = std::chrono::steady_clock::now();
-  while (ended < count) {
+  while (ended < pool.size()) {
     std::this_thread::sleep_for(std::chrono::milliseconds(ended == 0 && n < 64 ? 1 : 5));
     if (failure || std::chrono::steady_clock::now() - shown < std::chrono::milliseconds(100)) continue;
     shown = std::chrono::steady_clock::now();
@@ -147,6 +153,10 @@ BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names,
   }
   for (std::thread& thread : pool) thread.join();
   if (failure) std::rethrow_exception(failure);
+  if (progress) {
+    py::gil_scoped_acquire lock;
+    progress(1.0);
+  }
   return rows;
 }
 
@@ -185,6 +195,15 @@ void bind_common(py::module_& m) {
            }),
            py::arg("verdict"), py::arg("distance"), py::arg("residual"), py::arg("multiplier"),
            py::arg("beats"))
+      .def(py::pickle(
+          [](const LimitCycleCertificate& c) {
+            return py::make_tuple(static_cast<int>(c.verdict), c.distance, c.residual, c.multiplier, c.beats);
+          },
+          [](const py::tuple& t) {
+            return LimitCycleCertificate{static_cast<LimitCycleVerdict>(t[0].cast<int>()),
+                                         t[1].cast<double>(), t[2].cast<double>(), t[3].cast<double>(),
+                                         t[4].cast<int>()};
+          }))
       .def_property_readonly("verdict", [](const LimitCycleCertificate& c) { return to_string(c.verdict); })
       .def_property_readonly(
           "converged",

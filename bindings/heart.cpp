@@ -27,89 +27,131 @@ HeartState state_of(const Array& array) {
   return {vector_of(array, static_cast<std::size_t>(array.size()), "state"), {}};
 }
 
+// One heart runs at a time: its driver and its cells are shared by all calls. The interpreter's lock guards
+// the flag; it is set before the lock is freed and cleared after it is back.
+struct HeartOfPython {
+  std::unique_ptr<HeartStudy> study;
+  bool busy = false;
+
+  class Turn {
+   public:
+    explicit Turn(HeartOfPython& heart) : heart_(heart) {
+      if (heart.busy)
+        throw InputError("this heart is running: wait for it, or use a copy() of it in another thread");
+      heart.busy = true;
+    }
+    ~Turn() { heart_.busy = false; }
+    Turn(const Turn&) = delete;
+    HeartStudy* operator->() { return heart_.study.get(); }
+    HeartStudy& operator*() { return *heart_.study; }
+
+   private:
+    HeartOfPython& heart_;
+  };
+};
+
 }  // namespace
 
 void bind_heart(py::module_& m) {
-  py::class_<HeartStudy>(m, "HeartModel")
+  py::class_<HeartOfPython>(m, "HeartModel")
       .def(py::init([](const std::string& text, const std::string& path,
                        const std::vector<std::string>& overrides, const std::string& accuracy) {
-             return std::make_unique<HeartStudy>(scene_of(text, path, overrides, accuracy));
+             auto heart = std::make_unique<HeartOfPython>();
+             heart->study = std::make_unique<HeartStudy>(scene_of(text, path, overrides, accuracy));
+             heart->study->set_between_beats(after_beat({}));
+             return heart;
            }),
            py::arg("text"), py::arg("path"), py::arg("overrides"), py::arg("accuracy"))
-      .def_property_readonly("text", [](const HeartStudy& study) { return study.scene().text; })
-      .def_property_readonly("title", [](const HeartStudy& study) { return study.scene().title; })
-      .def_property_readonly("body_surface_area_m2",
-                             [](const HeartStudy& study) { return study.scene().body_surface_area_m2; })
-      .def("parameters", &HeartStudy::parameters)
+      .def_property_readonly("text", [](const HeartOfPython& heart) { return heart.study->scene().text; })
+      .def_property_readonly("title", [](const HeartOfPython& heart) { return heart.study->scene().title; })
+      .def_property_readonly(
+          "body_surface_area_m2",
+          [](const HeartOfPython& heart) { return heart.study->scene().body_surface_area_m2; })
+      .def("parameters", [](const HeartOfPython& heart) { return heart.study->parameters(); })
       .def(
           "set_parameters",
-          [](HeartStudy& study, const Array& values) {
-            study.set_parameters(vector_of(values, study.parameters().size(), "values"));
+          [](HeartOfPython& heart, const Array& values) {
+            HeartOfPython::Turn study(heart);
+            study->set_parameters(vector_of(values, study->parameters().size(), "values"));
           },
           py::arg("values"))
-      .def("set_parameter", &HeartStudy::set_parameter, py::arg("name"), py::arg("value"))
+      .def(
+          "set_parameter",
+          [](HeartOfPython& heart, const std::string& name, double value) {
+            HeartOfPython::Turn study(heart);
+            study->set_parameter(name, value);
+          },
+          py::arg("name"), py::arg("value"))
       .def(
           "to_limit_cycle",
-          [](HeartStudy& study, std::optional<Array> near, double distance, int max_beats,
+          [](HeartOfPython& heart, std::optional<Array> near, double distance, int max_beats,
              const std::string& method, const ProgressCall& progress) {
+            HeartOfPython::Turn study(heart);
             const LimitCycleSettings settings = cycle_settings(distance, max_beats, method);
             HeartState start;
             if (near) start = state_of(*near);
             HeartState state;
             {
               py::gil_scoped_release unlock;
-              state = study.to_limit_cycle(settings, near ? &start : nullptr, after_beat(progress));
+              state = study->to_limit_cycle(settings, near ? &start : nullptr, after_beat(progress));
             }
             return py::make_tuple(owned(std::move(state.driver)), state.certificate);
           },
           py::arg("near"), py::arg("distance"), py::arg("max_beats"), py::arg("method"), py::arg("progress"))
       .def(
           "refined",
-          [](HeartStudy& study, const Array& near) {
+          [](HeartOfPython& heart, const Array& near) {
+            HeartOfPython::Turn study(heart);
             HeartState state = state_of(near);
             {
               py::gil_scoped_release unlock;
-              state = study.refined(state, study.newton_at(state));
+              state = study->refined(state, study->newton_at(state));
             }
             return owned(std::move(state.driver));
           },
           py::arg("near"))
       .def(
           "run",
-          [](HeartStudy& study, const Array& start) {
+          [](HeartOfPython& heart, const Array& start) {
+            HeartOfPython::Turn study(heart);
             const HeartState state = state_of(start);
             auto table = std::make_shared<Table>();
             {
               py::gil_scoped_release unlock;
-              *table = study.beat(state);
+              *table = study->beat(state);
             }
             return table;
           },
           py::arg("start"))
       .def(
           "indexes",
-          [](HeartStudy& study, const Array& start) { return named_indexes(study.indexes(state_of(start))); },
+          [](HeartOfPython& heart, const Array& start) {
+            HeartOfPython::Turn study(heart);
+            return named_indexes(study->indexes(state_of(start)));
+          },
           py::arg("start"))
       .def(
           "sensitivities",
-          [](HeartStudy& study, const Array& on_cycle, const std::vector<std::string>& parameters,
+          [](HeartOfPython& heart, const Array& on_cycle, const std::vector<std::string>& parameters,
              const std::function<void(double)>& progress) {
+            HeartOfPython::Turn study(heart);
             const HeartState state = state_of(on_cycle);
             py::gil_scoped_release unlock;
-            return study.sensitivities(state, parameters, after_pass(progress));
+            return study->sensitivities(state, parameters, after_pass(progress));
           },
           py::arg("on_cycle"), py::arg("parameters"), py::arg("progress"))
       .def(
           "batch",
-          [](HeartStudy& study, const std::vector<std::string>& names, const Array& samples,
+          [](HeartOfPython& heart, const std::vector<std::string>& names, const Array& samples,
              std::optional<Array> near, double distance, int max_beats, int threads,
              const std::function<void(double)>& progress) {
+            HeartOfPython::Turn study(heart);
             const std::size_t n = static_cast<std::size_t>(samples.shape(0)), k = names.size();
             auto [indexes, units] = index_names_and_units();
             const std::vector<std::string> order = indexes;
             std::vector<std::string> known;
             std::vector<double> base;
-            for (const NamedParameter& p : study.parameters()) {
+            for (const NamedParameter& p : study->parameters()) {
               known.push_back(p.name);
               base.push_back(p.value);
             }
@@ -125,27 +167,42 @@ void bind_heart(py::module_& m) {
             const double* values = samples.data();
             py::gil_scoped_release unlock;
             // The cells' cycles once, for all samples that do not move them.
-            const HeartState first = study.to_limit_cycle(settings, near ? &start : nullptr);
+            HeartState first = start;
+            std::size_t n_numbers = start.driver.size();
+            try {
+              first = study->to_limit_cycle(settings, near ? &start : nullptr, after_beat({}));
+              n_numbers = first.driver.size();
+            } catch (const NumericalFailure&) {
+              // The base point has no cycle; the samples may have theirs.
+            }
+            // Workers leave the interpreter alone.
+            HeartStudy quiet = study->copy();
+            quiet.set_between_beats({});
             return run_batch(
-                n, threads, indexes, units, first.driver.size(),
+                n, threads, indexes, units, n_numbers,
                 [&](std::size_t sample, double* out, double* state) {
                   std::vector<double> all = base;
                   for (std::size_t j = 0; j < k; ++j) all[position[j]] = values[sample * k + j];
-                  HeartStudy heart = study.copy();
-                  heart.set_parameters(all);
-                  const HeartState y = heart.to_limit_cycle(settings, &first);
+                  HeartStudy one = quiet.copy();
+                  one.set_parameters(all);
+                  const HeartState y = one.to_limit_cycle(settings, first.driver.empty() ? nullptr : &first);
                   if (y.certificate.verdict != LimitCycleVerdict::period_1)
                     throw NumericalFailure(fmt::format("no limit cycle: {} after {} beats, distance {:.2g}",
                                                        to_string(y.certificate.verdict), y.certificate.beats,
                                                        y.certificate.distance));
-                  fill_indexes(heart.indexes(y), order, out);
-                  std::copy(y.driver.begin(), y.driver.end(), state);
+                  fill_indexes(one.indexes(y), order, out);
+                  if (y.driver.size() == n_numbers) std::copy(y.driver.begin(), y.driver.end(), state);
                 },
                 progress);
           },
           py::arg("names"), py::arg("samples"), py::arg("near"), py::arg("distance"), py::arg("max_beats"),
           py::arg("threads"), py::arg("progress"))
-      .def("copy", [](const HeartStudy& study) { return std::make_unique<HeartStudy>(study.copy()); });
+      .def("copy", [](HeartOfPython& heart) {
+        HeartOfPython::Turn study(heart);
+        auto other = std::make_unique<HeartOfPython>();
+        other->study = std::make_unique<HeartStudy>(study->copy());
+        return other;
+      });
 }
 
 }  // namespace wiggers::python

@@ -130,6 +130,16 @@ void bind_loop(py::module_& m) {
             model.integrator = integrator;
           },
           py::arg("name"), py::arg("dt_s"), py::arg("rtol"), py::arg("atol"))
+      .def_property_readonly(
+          "valve_law",
+          [](const LoopModel& model) {
+            return std::string(valve_law_names[static_cast<int>(model.loop.circulation.valve_law)]);
+          })
+      .def_property_readonly(
+          "valve_law",
+          [](const LoopModel& model) {
+            return std::string(valve_law_names[static_cast<std::size_t>(model.loop.circulation.valve_law)]);
+          })
       .def("state_names",
            [](const LoopModel&) {
              std::vector<std::string> names;
@@ -170,7 +180,7 @@ void bind_loop(py::module_& m) {
           py::arg("t"), py::arg("y"))
       .def(
           "to_limit_cycle",
-          [](const LoopModel& model, std::optional<Array> near, double distance, int max_beats,
+          [](LoopModel model, std::optional<Array> near, double distance, int max_beats,
              const std::string& method, const ProgressCall& progress) {
             CirculationValues state = model.start_from(near ? &*near : nullptr);
             LimitCycleSettings settings =
@@ -187,9 +197,11 @@ void bind_loop(py::module_& m) {
           py::arg("near"), py::arg("distance"), py::arg("max_beats"), py::arg("method"), py::arg("progress"))
       .def(
           "run",
-          [](const LoopModel& model, const Array& start, int beats, double sample_s,
-             const ProgressCall& progress) {
+          [](LoopModel model, const Array& start, int beats, double sample_s, const ProgressCall& progress) {
             CirculationValues state = model.start_from(&start);
+            if (!(sample_s >= 1e-7 && sample_s <= model.loop.period_s))
+              throw InputError(fmt::format("sample_s = {} s is outside 1e-7 to the period, {} s", sample_s,
+                                           model.loop.period_s));
             auto table = std::make_shared<Table>(circulation_table());
             const LoopSolver solver(model.loop, model.integrator);
             {
@@ -213,14 +225,13 @@ void bind_loop(py::module_& m) {
       .def(
           "indexes",
           [](const LoopModel& model, const Array& start) {
-            model.require_steps("indexes");
             const CirculationValues state = model.start_from(&start);
             return named_indexes(loop_indexes(model.loop, state, model.integrator.dt_s));
           },
           py::arg("start"))
       .def(
           "sensitivities",
-          [](const LoopModel& model, const Array& on_cycle) {
+          [](LoopModel model, const Array& on_cycle) {
             model.require_steps("sensitivities");
             const CirculationValues state = model.start_from(&on_cycle);
             py::gil_scoped_release unlock;
@@ -229,7 +240,7 @@ void bind_loop(py::module_& m) {
           py::arg("on_cycle"))
       .def(
           "batch",
-          [](const LoopModel& model, const std::vector<std::string>& names, const Array& samples,
+          [](LoopModel model, const std::vector<std::string>& names, const Array& samples,
              std::optional<Array> near, double distance, int max_beats, int threads,
              const std::function<void(double)>& progress) {
             model.require_steps("batches");

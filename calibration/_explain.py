@@ -57,9 +57,11 @@ def explain(fit: Fit) -> Explanation:
         constrained[target.name] = [(names[k], 0.1 * float(row[k])) for k in order if abs(row[k]) > 1e-12]
     from ._fit import _covariance
 
-    covariance = _covariance(scaled)
+    known = np.sqrt(np.diag(fit.covariance)) / width
+    widths = {n: float(1.96 * d) for n, d in zip(names, known, strict=True)}
+    # For what goes together and what cannot be known, ranges count as values at their middle.
+    covariance = _covariance(scaled / width[None, :], np.ones(len(scales)), width) / np.outer(width, width)
     deviation = np.sqrt(np.diag(covariance))
-    widths = {n: float(1.96 * d) for n, d in zip(names, deviation, strict=True)}
     groups: list[list[str]] = []
     taken: set[str] = set()
     for k, name in enumerate(names):

@@ -44,8 +44,11 @@ class Fit:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Of the coordinates x, from the targets' sd; infinite along directions the targets do not see."""
-        return _covariance(self.jacobian)
+        """Of the coordinates x, from the targets' sd (weights shift the estimate, they do not sharpen the data);
+        infinite along directions the targets do not see."""
+        lower, upper = self.problem.bounds
+        weights = np.array([t.weight for t in self.problem.targets])
+        return _covariance(self.jacobian, weights, upper - lower)
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
@@ -73,20 +76,21 @@ class Fit:
         return "\n".join(lines)
 
 
-def _covariance(jacobian: np.ndarray) -> np.ndarray:
-    _, s, vt = np.linalg.svd(jacobian, full_matrices=True)
+def _covariance(jacobian: np.ndarray, weights: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """jacobian: of weighted residuals; width: the bounds', which make the parameters comparable."""
+    u, s, vt = np.linalg.svd(jacobian * width[None, :], full_matrices=True)
     n = vt.shape[0]
-    inverse = np.full(n, np.inf)
-    seen = s > 1e-10 * max(float(s[0]) if len(s) else 0.0, 1e-300)
-    inverse[: len(s)][seen] = 1 / s[seen] ** 2
+    seen = int(np.sum(s > 1e-10 * s[0])) if len(s) and s[0] > 0 else 0
+    # The estimate moves by pinv(J) times a noise that has the weights for its deviations.
+    gain = vt[:seen].T / s[:seen] @ (u[:, :seen].T * weights[None, :])
+    covariance = gain @ gain.T
+    # A direction that no target sees: infinite for the parameters that have a part in it.
+    blind = np.abs(vt[seen:]).max(axis=0, initial=0.0) > 1e-3
+    covariance[blind, :] = covariance[:, blind] = 0.0
+    covariance[np.ix_(blind, blind)] = 0.0
+    covariance[blind, blind] = np.inf
     with np.errstate(invalid="ignore"):
-        covariance = np.zeros((n, n))
-        for k in range(n):
-            outer = np.outer(vt[k], vt[k])
-            # A direction no target sees: infinite for the parameters that have a part in it.
-            covariance += np.where(np.abs(outer) > 1e-12, outer, 0.0) * inverse[k] if np.isfinite(inverse[k]) else \
-                np.where(np.abs(outer) > 1e-6, np.inf * np.sign(outer), 0.0)
-    return covariance
+        return covariance * np.where(covariance == 0, 1.0, np.outer(width, width))
 
 
 def least_squares(problem: Problem, *, start: np.ndarray | None = None, max_gradients: int = 60,
@@ -107,7 +111,10 @@ def least_squares(problem: Problem, *, start: np.ndarray | None = None, max_grad
                                       x_scale="jac", xtol=tolerance, ftol=tolerance, gtol=tolerance,
                                       max_nfev=max_gradients, verbose=verbose)
     point = problem.point(result.x)
-    assert point is not None
+    if point is None:
+        import wiggers
+
+        raise wiggers.NumericalFailure(f"the search ended where there is no limit cycle: {problem.failures[-1]}")
     near = 1e-6 * (upper - lower)
     at_bound = [n for n, x, a, b, w in zip(problem.names, result.x, lower, upper, near, strict=True)
                 if x - a < w or b - x < w]

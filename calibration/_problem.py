@@ -12,7 +12,7 @@ import wiggers
 
 from ._targets import Target
 
-PENALTY = 1e3  # residual of every target where there is no limit cycle
+PENALTY = 1e3  # least residual of every target where there is no limit cycle
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,7 @@ class Problem:
         self.distance = distance
         self.names = list(self.free)
         self.solves = 0
+        self.penalty = PENALTY  # grows with the worst good point, so that no search prefers a failure
         self.failures: list[tuple[dict[str, float], str]] = []
         if not self.names:
             raise wiggers.InputError("free is empty: nothing to calibrate")
@@ -82,6 +83,8 @@ class Problem:
             if target.name not in names:
                 wiggers._results._position(names, target.name, "output of this model")
             target.check(self.unit_of(target.name))
+        values = self.model.parameters
+        self._start = np.array([f.inward(float(np.clip(values[n], f.lower, f.upper))) for n, f in self.free.items()])
         self._near = self.base
         self._last: Point | None = None
         self._last_jacobian: tuple[np.ndarray, np.ndarray] | None = None
@@ -91,16 +94,14 @@ class Problem:
         if unit:
             return unit(output)
         known = dict(zip(wiggers.index_names(), wiggers.index_units(), strict=True))
-        for ending, name in (("_ms", "ms"), ("_mV", "mV"), ("_uM", "uM")):
-            if output.endswith(ending):
-                return name
+        if isinstance(self.model, wiggers.Cell):
+            known = self.model.index_units
         return known.get(output, "1")
 
     @property
     def start(self) -> np.ndarray:
-        """The model's present values, as the search's coordinates, inside the bounds."""
-        values = self.model.parameters
-        return np.array([f.inward(float(np.clip(values[n], f.lower, f.upper))) for n, f in self.free.items()])
+        """The model's values when the problem was posed, as the search's coordinates, inside the bounds."""
+        return self._start.copy()
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -135,12 +136,13 @@ class Problem:
             return None
         self._near = cycle
         residuals = np.array([t.residual(v) for t, v in zip(self.targets, outputs, strict=True)])
+        self.penalty = max(self.penalty, 10 * float(np.abs(residuals).max()))
         self._last = Point(x, cycle, outputs, residuals)
         return self._last
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         point = self.point(x)
-        return np.full(len(self.targets), PENALTY) if point is None else point.residuals
+        return np.full(len(self.targets), self.penalty) if point is None else point.residuals
 
     def output_jacobian(self, x: np.ndarray) -> np.ndarray:
         """Exact derivatives of the targets' outputs by the coordinates x, through the limit cycle."""
@@ -170,12 +172,12 @@ class Problem:
         return outputs * slopes[:, None]
 
     def residuals_of_many(self, xs: np.ndarray, *, threads: int | None = None, executor: Any = None) -> np.ndarray:
-        """Residuals of many points [point, target] as one batch; PENALTY where there is no cycle."""
+        """Residuals of many points [point, target] as one batch; infinite where there is no cycle."""
         samples = np.array([list(self.values(x).values()) for x in xs])
         batch = self.model.batch(samples, self.names, near=self.base if executor is None else None,
                                  distance=self.distance, threads=threads, executor=executor)
         self.solves += len(samples)
-        rows = np.full((len(samples), len(self.targets)), PENALTY)
+        rows = np.full((len(samples), len(self.targets)), np.inf)
         outputs = np.column_stack([batch[t.name] for t in self.targets])
         for k, row in enumerate(outputs):
             if batch.reasons[k] or np.isnan(row).any():
@@ -183,4 +185,7 @@ class Problem:
                                       batch.reasons[k] or "an output of the targets is missing in this beat"))
             else:
                 rows[k] = [t.residual(v) for t, v in zip(self.targets, row, strict=True)]
+        good = np.isfinite(rows).all(axis=1)
+        if good.any():
+            self.penalty = max(self.penalty, 10 * float(np.abs(rows[good]).max()))
         return rows

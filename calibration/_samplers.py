@@ -26,7 +26,8 @@ def cma_es(problem: Problem, *, sigma: float = 0.2, max_evaluations: int = 2000,
         points = search.ask()
         xs = np.array([lower + np.asarray(p) * (upper - lower) for p in points])
         rows = problem.residuals_of_many(xs, threads=threads, executor=executor)
-        search.tell(points, [0.5 * float(r @ r) for r in rows])
+        worst = 0.5 * len(problem.targets) * problem.penalty**2  # ranks points without a cycle last
+        search.tell(points, [0.5 * float(r @ r) if np.isfinite(r).all() else worst for r in rows])
     best = lower + np.asarray(search.result.xbest) * (upper - lower)
     return problem.values(best), float(search.result.fbest)
 
@@ -65,7 +66,7 @@ def mcmc(problem: Problem, *, around: np.ndarray | None = None, walkers: int | N
         inside = np.all((xs >= lower) & (xs <= upper), axis=1)
         if inside.any():
             rows = problem.residuals_of_many(xs[inside], threads=threads, executor=executor)
-            result[inside] = -0.5 * np.einsum("ij,ij->i", rows, rows)
+            result[inside] = -0.5 * np.einsum("ij,ij->i", rows, rows)  # minus infinity without a cycle
         return result
 
     sampler = emcee.EnsembleSampler(walkers, n, log_probability, vectorize=True)
@@ -87,13 +88,14 @@ class Screening:
     total: np.ndarray
     first_width: np.ndarray
     total_width: np.ndarray
-    failures: int
+    failures: dict[str, int]  # samples without this target's output
 
 
 def sobol(problem: Problem, *, samples: int = 256, seed: int = 1, threads: int | None = None,
           executor: Any = None) -> Screening:
     """Sobol indices of the targets' outputs over the bounds (package SALib), all samples as one batch. Samples
-    without a limit cycle count with the mean of the others; their number is in `failures`."""
+    without an output (no limit cycle, a valve that never opens) count with the mean of the others; `failures` has their
+    number."""
     from SALib.analyze import sobol as analyse
     from SALib.sample import sobol as draw
 
@@ -104,10 +106,12 @@ def sobol(problem: Problem, *, samples: int = 256, seed: int = 1, threads: int |
     values = np.array([list(problem.values(x).values()) for x in xs])
     batch = problem.model.batch(values, problem.names, distance=problem.distance, threads=threads, executor=executor)
     rows = []
+    failures = {}
     for target in problem.targets:
         outputs = batch[target.name].copy()
+        failures[target.name] = int(np.isnan(outputs).sum())
         outputs[np.isnan(outputs)] = np.nanmean(outputs)
         rows.append(analyse.analyze(description, outputs, calc_second_order=False, seed=seed))
     return Screening([t.name for t in problem.targets], problem.names, np.array([r["S1"] for r in rows]),
                      np.array([r["ST"] for r in rows]), np.array([r["S1_conf"] for r in rows]),
-                     np.array([r["ST_conf"] for r in rows]), int((~batch.good).sum()))
+                     np.array([r["ST_conf"] for r in rows]), failures)

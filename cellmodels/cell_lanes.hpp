@@ -18,7 +18,8 @@ struct LaneResult {
 // How many studies fill the lanes.
 inline constexpr std::size_t cells_in_lanes = 8;
 
-// True if the studies differ by their model's parameters and charge alone: they can then be paced together.
+// True if the studies have cycles to find and differ by their model's parameters and charge alone: they can
+// then be paced together.
 bool share_pacing(std::span<const CellStudy> studies);
 
 // Paces the studies together, each from its own state, until every one's search has ended. Steps are those of

@@ -170,6 +170,11 @@ std::vector<NamedParameter> cell_study_parameters(const CellStudy& study) {
   return list;
 }
 
+void check_study(const CellStudy& study) {
+  (void)is_second_order(study);
+  check_protocol(*study.model, study.protocol, {study.integrator, 1e-8, 1e-10, study.dt_ms});
+}
+
 void set_cell_study_parameters(CellStudy& study, std::span<const double> values) {
   const std::vector<NamedParameter> list = cell_study_parameters(study);
   if (values.size() != list.size())
@@ -183,7 +188,7 @@ void set_cell_study_parameters(CellStudy& study, std::span<const double> values)
   changed.protocol.stimulus.amplitude_A_per_F = values[n + 1];
   changed.protocol.stimulus.duration_ms = values[n + 2];
   changed.charge_offset_mV = values[n + 3];
-  check_protocol(*changed.model, changed.protocol, {changed.integrator, 1e-8, 1e-10, changed.dt_ms});
+  check_study(changed);
   study = changed;
 }
 

@@ -29,6 +29,9 @@ std::vector<NamedParameter> cell_study_parameters(const CellStudy& study);
 void set_cell_study_parameters(CellStudy& study, std::span<const double> values);
 void set_cell_study_parameter(CellStudy& study, std::string_view name, double value);
 
+// Refuses an integrator or a step that the study has no text for.
+void check_study(const CellStudy& study);
+
 // The published state on the study's leaf: where a search starts.
 std::vector<double> start_of(const CellStudy& study);
 // Moves the balancing ion of any state to the study's leaf.

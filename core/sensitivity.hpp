@@ -65,17 +65,23 @@ std::vector<double> refined_fixed_point(std::vector<double> x, const FixedPointD
                                         Beat beat) {
   using Map = Eigen::Map<Eigen::VectorXd>;
   const auto n = static_cast<Eigen::Index>(x.size());
-  double last = 0;
+  double smallest = 1e300;
+  std::vector<double> best = x;
   for (int iteration = 0; iteration < 30; ++iteration) {
     std::vector<double> image = beat(x);
     const Eigen::VectorXd step = derivatives.newton.solve(Map(image.data(), n) - Map(x.data(), n));
     const double size = (step.array() / (Map(x.data(), n).array().abs() + 1e-3)).abs().maxCoeff();
-    if (!std::isfinite(size) || (iteration > 0 && size >= last)) break;
+    if (!(size < smallest)) break;
+    smallest = size;
     Map(x.data(), n) += step;
-    last = size;
+    best = x;
     if (size < 1e-15) break;
   }
-  return x;
+  if (!(smallest < 1e-6))
+    throw NumericalFailure(
+        "Newton's iteration does not reach the limit cycle from this state: start nearer, from a cycle that "
+        "was searched for");
+  return best;
 }
 
 // Derivatives of the beat map's fixed point; beat(states, parameters) gives the image, by dual numbers.

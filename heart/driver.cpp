@@ -292,6 +292,8 @@ void HeartDriverOf<T>::restore(const std::vector<T>& saved) {
   for (T& value : p_) value = take_saved(in);
   for (T& value : Q_) value = take_saved(in);
   for (const auto& wall : walls_) wall->restore(in);
+  if (!in.empty())
+    throw InputError("the saved state is of another heart: it has more numbers than this one takes");
 }
 
 template class HeartDriverOf<double>;

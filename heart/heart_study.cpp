@@ -136,6 +136,7 @@ HeartStudy HeartStudy::copy() const {
   HeartStudy other(scene_);
   other.text_ = text_;
   other.cells_ = cells_;
+  other.between_beats_ = between_beats_;
   return other;
 }
 
@@ -264,7 +265,8 @@ void HeartStudy::solve_cells() {
     cell.study.integrator = scene_.electrophysiology_integrator;
     cell.state = start_of(cell.study);
     LimitCycleSettings settings;
-    const LimitCycleCertificate certificate = wiggers::to_limit_cycle(cell.study, cell.state, settings);
+    const LimitCycleCertificate certificate =
+        wiggers::to_limit_cycle(cell.study, cell.state, settings, between_beats_);
     if (certificate.verdict != LimitCycleVerdict::period_1)
       throw NumericalFailure(fmt::format("cells {}: {} at {} ms has no limit cycle: {} after {} beats", name,
                                          type.ionic->name, scene_.period_s * 1e3,
@@ -374,14 +376,13 @@ HeartDriver& HeartStudy::driver() {
 
 HeartState HeartStudy::to_limit_cycle(const LimitCycleSettings& wanted, const HeartState* near,
                                       const std::function<void(const LimitCycleCertificate&)>& after_beat) {
+  if (!near) driver_.reset();  // a start from the scene owes nothing to earlier beats
+  if (near) check_size(*near);
   HeartDriver& heart = driver();
   const double volume = total_volume(scene_.circulation, scene_.initial.data());
   heart.start(scene_.initial);
   LimitCycleSettings settings = wanted;
   if (near) {
-    if (near->driver.size() != heart.save().size())
-      throw InputError(fmt::format("the state has {} numbers, this heart's has {}: it is of another scene",
-                                   near->driver.size(), heart.save().size()));
     std::vector<double> state = near->driver;
     hold_total_volume(scene_.circulation, state.data(), volume);
     heart.restore(state);
@@ -413,6 +414,13 @@ HeartState HeartStudy::to_limit_cycle(const LimitCycleSettings& wanted, const He
     if (after_beat) after_beat(search.certificate());
   }
   return {heart.save(), search.certificate()};
+}
+
+void HeartStudy::check_size(const HeartState& state) {
+  const std::size_t wanted = driver().save().size();
+  if (state.driver.size() != wanted)
+    throw InputError(fmt::format("the state has {} numbers, this heart's has {}: it is of another scene",
+                                 state.driver.size(), wanted));
 }
 
 std::unique_ptr<HeartDriverOf<Tangent>> HeartStudy::moving_heart(const std::vector<std::size_t>& active,
@@ -462,10 +470,12 @@ FixedPointDerivatives HeartStudy::cycle_derivatives(const std::vector<double>& s
 }
 
 FixedPointDerivatives HeartStudy::newton_at(const HeartState& state) {
+  check_size(state);
   return cycle_derivatives(state.driver, {}, {});
 }
 
 HeartState HeartStudy::refined(const HeartState& state, const FixedPointDerivatives& derivatives) {
+  check_size(state);
   HeartDriver& heart = driver();
   const double volume = total_volume(scene_.circulation, scene_.initial.data());
   std::vector<double> start = state.driver;
@@ -482,6 +492,7 @@ HeartState HeartStudy::refined(const HeartState& state, const FixedPointDerivati
 }
 
 BeatIndexes HeartStudy::indexes(const HeartState& state) {
+  check_size(state);
   HeartDriver& heart = driver();
   heart.restore(state.driver);
   BeatTraceOf<double> trace;
@@ -492,6 +503,7 @@ BeatIndexes HeartStudy::indexes(const HeartState& state) {
 }
 
 Table HeartStudy::beat(const HeartState& state) {
+  check_size(state);
   HeartDriver& heart = driver();
   heart.restore(state.driver);
   Table table = heart.trace();
@@ -501,6 +513,7 @@ Table HeartStudy::beat(const HeartState& state) {
 
 Sensitivities HeartStudy::sensitivities(const HeartState& on_cycle, const std::vector<std::string>& wanted,
                                         const std::function<void(double)>& after_pass) {
+  check_size(on_cycle);
   const auto all = parameters();
   std::vector<std::string> names;
   for (const NamedParameter& p : all) names.push_back(p.name);

@@ -37,6 +37,11 @@ class HeartStudy {
 
   const Scene& scene() const { return scene_; }
 
+  // Called between beats of cells on their way to their cycles; may throw to stop.
+  void set_between_beats(std::function<void(const LimitCycleCertificate&)> call) {
+    between_beats_ = std::move(call);
+  }
+
   // Every number of the scene that the indexes depend on, by its key: "walls.LV.a_XB_kPa",
   // "cells.atria.ionic_changes.g_CaL", "circulation.circuit.SYS.R_AR", "circulation.initial.total_volume".
   // The blood volume is held when others change.
@@ -86,6 +91,7 @@ class HeartStudy {
   template <class T>
   CalciumOf<T> calcium(const Numbers<T>& numbers);
   HeartDriver& driver();
+  void check_size(const HeartState& state);
   FixedPointDerivatives cycle_derivatives(const std::vector<double>& state,
                                           const std::vector<std::size_t>& active,
                                           const std::function<void(double)>& after_pass);
@@ -97,6 +103,7 @@ class HeartStudy {
   std::string text_;  // the scene's, with total_volume in place of p_VEN_SYS
   std::map<std::string, SolvedCell> cells_;
   std::unique_ptr<HeartDriver> driver_;
+  std::function<void(const LimitCycleCertificate&)> between_beats_;
 };
 
 }  // namespace wiggers

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import zlib
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
@@ -53,7 +55,12 @@ class _Periodic:
         return self._cycle(state, certificate)
 
     def _cycle(self, state: np.ndarray, certificate: _core.Certificate) -> Cycle:
-        return Cycle(state, certificate, dict(self._core.indexes(state)), self._kind, dict(self.parameters))
+        return Cycle(state, certificate, dict(self._core.indexes(state)), self._kind, dict(self.parameters),
+                     self._structure())
+
+    def _structure(self) -> str:
+        """What a state depends on beside the parameters."""
+        raise NotImplementedError
 
     def indexes(self, state: Cycle | np.ndarray) -> dict[str, float]:
         """Indexes of the beat from a state; what the beat does not have (a valve that never opens) is absent."""
@@ -64,9 +71,11 @@ class _Periodic:
         cycle = Cycle.load(path)
         if cycle.model != self._kind:
             raise StateMismatch(f"{path}: saved by {cycle.model}, this is {self._kind}")
+        if cycle.structure != self._structure():
+            raise StateMismatch(f"{path}: saved by {cycle.structure}, this is {self._structure()}")
         mine = dict(self.parameters)
-        if cycle.parameters != mine:
-            names = [n for n in {**mine, **cycle.parameters} if mine.get(n) != cycle.parameters.get(n)]
+        names = _different(mine, cycle.parameters)
+        if names:
             first = names[0]
             raise StateMismatch(
                 f"{path}: saved with other parameters: {first} = {cycle.parameters.get(first)} there, "
@@ -91,8 +100,9 @@ class _Periodic:
         start = _state(near)
         if executor is not None:
             size = chunk or max(1, len(values) // 64)
-            parts = [executor.submit(_solve_part, self, names, values[k:k + size], start, distance, max_beats)
-                     for k in range(0, len(values), size)]
+            # Each task has a model of its own, also where the executor's threads share this process.
+            parts = [executor.submit(_solve_part, self.copy(), names, values[k:k + size], start, distance, max_beats)
+                     for k in range(0, max(1, len(values)), size)]
             with showing(progress, f"{self._kind}: batch", 1) as shown:
                 done = []
                 for part in parts:
@@ -104,6 +114,17 @@ class _Periodic:
             rows = self._core.batch(names, values, start, distance, max_beats, threads or os.cpu_count() or 1,
                                     shown.share, **self._batch_options)
         return Batch(rows.names, rows.units, rows.values, rows.states, rows.reasons, names, values)
+
+    def _on_cycle(self, cycle: Cycle | np.ndarray) -> np.ndarray:
+        """The state of a cycle that is this model's; refuses one of other parameters."""
+        if isinstance(cycle, Cycle):
+            names = _different(dict(self.parameters), cycle.parameters)
+            if names:
+                raise StateMismatch(f"the cycle is of other parameters: {names[0]} = {cycle.parameters.get(names[0])} "
+                                    f"there, {dict(self.parameters).get(names[0])} here. Solve to_limit_cycle(near=cycle)")
+        state = _state(cycle)
+        assert state is not None
+        return state
 
     def _sensitivities(self, table: _core.SensitivityTable) -> Sensitivities:
         values = dict(self.parameters)
@@ -136,6 +157,11 @@ class Cell(_Periodic):
         return self._core.state_names()
 
     @property
+    def index_units(self) -> dict[str, str]:
+        """Units of every index a cell can have."""
+        return dict(zip(self._core.index_names(), self._core.index_units(), strict=True))
+
+    @property
     def title(self) -> str:
         return self._core.title
 
@@ -165,13 +191,17 @@ class Cell(_Periodic):
 
     def refined(self, near: Cycle | np.ndarray) -> Cycle:
         """The cycle to rounding, by Newton with exact derivatives, from one nearby."""
-        certificate = near.certificate if isinstance(near, Cycle) else _core.Certificate("period-1", 0, 0, 0, 0)
-        return self._cycle(self._core.refined(_state(near)), certificate)
+        # A few beats on the refined cycle certify it.
+        return self.to_limit_cycle(self._core.refined(_state(near)), distance=1e-9, max_beats=30)
 
     def sensitivities(self, cycle: Cycle | np.ndarray, *, progress: Progress = None) -> Sensitivities:
         """Derivatives of every index on the limit cycle by every parameter."""
         with showing(progress, f"{self._kind}: sensitivities", 1) as shown:
-            return self._sensitivities(self._core.sensitivities(_state(cycle), shown.share))
+            return self._sensitivities(self._core.sensitivities(self._on_cycle(cycle), shown.share))
+
+    def _structure(self) -> str:
+        model, integrator, dt_ms = self._settings
+        return f"{model}, {integrator} at {dt_ms:g} ms"
 
     def __reduce__(self) -> Any:
         return _rebuild, (Cell, self._settings[:1], {"integrator": self._settings[1], "dt_ms": self._settings[2]},
@@ -179,7 +209,8 @@ class Cell(_Periodic):
 
 
 class Loop(_Periodic):
-    """The closed circulation with elastance chambers; a parameter set by name (wiggers.loop_sets()) or a loop file.
+    """The closed circulation with elastance chambers; a parameter set by name (wiggers.loop_sets()), a loop file
+    (its name ends with .toml) or such a file's text.
 
     integrator: "runge-kutta-4" (steps of dt_s that end at valve events: what indexes, sensitivities and batches
     use), "cvode" or "forward-euler".
@@ -190,7 +221,9 @@ class Loop(_Periodic):
                  changes: Mapping[str, float] | None = None) -> None:
         text = str(source)
         if text.endswith(".toml"):
-            self._core = _core.LoopModel.from_text(_read(text), Path(text).name)
+            text = _read(text)
+        if "\n" in text:
+            self._core = _core.LoopModel.from_text(text, Path(str(source)).name if text != str(source) else "loop")
         else:
             self._core = _core.LoopModel(text)
         self._core.set_integrator(integrator, dt_s, rtol, atol)
@@ -217,7 +250,8 @@ class Loop(_Periodic):
 
     def run(self, beats: int = 1, start: Cycle | np.ndarray | None = None, *, sample_s: float = 1e-3,
             progress: Progress = None) -> Trace:
-        """A number of beats; columns t_s, states, chamber pressures, valve flows."""
+        """A number of beats; columns t_s, states, chamber pressures, valve flows. p_VEN_SYS of the start is moved so that
+        the blood volume is this loop's."""
         with showing(progress, "loop: beats") as shown:
             columns, end = self._core.run(self.initial_state if start is None else _state(start), _whole(beats, "beats"),
                                           sample_s, shown.beats)
@@ -227,7 +261,11 @@ class Loop(_Periodic):
         """Derivatives of every index on the limit cycle by every parameter, total volume held unless it is the
         parameter."""
         del progress  # a few hundredths of a second
-        return self._sensitivities(self._core.sensitivities(_state(cycle)))
+        return self._sensitivities(self._core.sensitivities(self._on_cycle(cycle)))
+
+    def _structure(self) -> str:
+        options = self._settings[1]
+        return f"loop with {self._core.valve_law} valves, {options['integrator']} at {options['dt_s']:g} s"
 
     def __reduce__(self) -> Any:
         return _rebuild, (Loop, self._settings[:1], self._settings[1], self.parameters.array)
@@ -269,14 +307,20 @@ class Heart(_Periodic):
 
     def refined(self, near: Cycle | np.ndarray) -> Cycle:
         """The cycle to rounding, by Newton with exact derivatives, from one nearby."""
-        certificate = near.certificate if isinstance(near, Cycle) else _core.Certificate("period-1", 0, 0, 0, 0)
-        return self._cycle(self._core.refined(_state(near)), certificate)
+        # A few beats on the refined cycle certify it.
+        return self.to_limit_cycle(self._core.refined(_state(near)), distance=1e-9, max_beats=30)
 
     def sensitivities(self, cycle: Cycle | np.ndarray, parameters: Sequence[str] = (), *,
                       progress: Progress = None) -> Sensitivities:
         """Derivatives of every index on the limit cycle by the named parameters (none named: by all)."""
         with showing(progress, "heart: sensitivities", 1) as shown:
-            return self._sensitivities(self._core.sensitivities(_state(cycle), list(parameters), shown.share))
+            return self._sensitivities(self._core.sensitivities(self._on_cycle(cycle), list(parameters), shown.share))
+
+    def _structure(self) -> str:
+        # The scene but for its numbers, and those that are no parameters.
+        skeleton = re.sub(r"= -?[0-9.][^\n]*", "= #", self.text)
+        solver = self.text.partition("\n[solver]")[2]
+        return f"heart {zlib.crc32((skeleton + solver).encode()):08x}"
 
     def __reduce__(self) -> Any:
         return _rebuild, (Heart, (self.text,), {}, self.parameters.array)
@@ -306,6 +350,9 @@ class Force:
         other = Force.__new__(Force)
         other._core = self._core.copy()
         return other
+
+    def __reduce__(self) -> Any:
+        return _rebuild, (Force, (), {}, self.parameters.array)
 
     def rhs(self, y: np.ndarray, calcium_uM: float, SL_um: float, dSL_dt_um_per_s: float = 0.0) -> np.ndarray:
         """Rates of the states (per s)."""
@@ -343,6 +390,12 @@ def _state(source: Cycle | np.ndarray | None) -> np.ndarray | None:
     return np.ascontiguousarray(array, dtype=float)
 
 
+def _different(mine: Mapping[str, float], theirs: Mapping[str, float]) -> list[str]:
+    """Names whose values differ by more than rounding (a blood volume is a sum)."""
+    return [n for n in {**mine, **theirs}
+            if n not in mine or n not in theirs or abs(mine[n] - theirs[n]) > 1e-12 * abs(mine[n])]
+
+
 def _whole(value: int, name: str) -> int:
     if int(value) != value or value < 1:
         raise _core.InputError(f"{name} = {value} is not a whole number of at least 1")
@@ -353,7 +406,7 @@ def _samples(samples: Samples, names: Sequence[str] | None) -> tuple[list[str], 
     if isinstance(samples, Mapping):
         if names is not None:
             raise _core.InputError("names: not with a mapping, which has its own")
-        columns = [np.atleast_1d(np.asarray(v, dtype=float)) for v in samples.values()]
+        columns = [np.atleast_1d(_numbers(v, n)) for n, v in samples.items()]
         lengths = {len(c) for c in columns if c.ndim == 1}
         if any(c.ndim != 1 for c in columns) or len(lengths - {1}) > 1:
             shapes = ", ".join(f"{n}: {np.shape(v)}" for n, v in samples.items())
@@ -361,12 +414,19 @@ def _samples(samples: Samples, names: Sequence[str] | None) -> tuple[list[str], 
         n = max(lengths, default=0)
         values = np.column_stack([np.broadcast_to(c, n) for c in columns]) if columns else np.empty((0, 0))
         return list(samples), np.ascontiguousarray(values)
-    values = np.ascontiguousarray(np.asarray(samples, dtype=float))
+    values = np.ascontiguousarray(_numbers(samples, "samples"))
     if names is None:
         raise _core.InputError("names is missing: an array of samples needs the parameter of each column")
     if values.ndim != 2 or values.shape[1] != len(names):
         raise _core.InputError(f"samples has shape {values.shape}, wanted is (samples, {len(names)})")
     return list(names), values
+
+
+def _numbers(values: Any, name: str) -> np.ndarray:
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise _core.InputError(f"{name}: {error}") from None
 
 
 def _solve_part(model: _Periodic, names: list[str], values: np.ndarray, start: np.ndarray | None, distance: float,

@@ -13,8 +13,8 @@ from ._core import InputError, Parameter
 class Parameters(MutableMapping):
     """`p["elastance.LV.EA"]`, `p.elastance.LV.EA`; assigning checks name and range and may refuse.
 
-    `info(name)` gives unit, default, range and meaning; `update({...})` and `set(a=1)` change several at once, so
-    that what must hold between them is checked once. The order is that of `names` and of `values()` arrays.
+    `info(name)` gives unit, default, range and meaning; `update({...})` changes several at once, so that what must hold
+    between them is checked once. The order is that of `names` and of `array`.
     """
 
     def __init__(self, core: Any) -> None:
@@ -47,6 +47,12 @@ class Parameters(MutableMapping):
 
     def __delitem__(self, name: str) -> None:
         raise InputError(f"{name}: a parameter cannot be removed; assign its default, {self.info(name).default}")
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def get(self, name: str, default: Any = None) -> Any:
+        return self[name] if name in self else default
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names)

@@ -71,12 +71,13 @@ class Cycle:
     """A limit cycle: the state at the beat's start, the certificate of the search, the indexes of its beat."""
 
     def __init__(self, state: np.ndarray, certificate: Certificate, indexes: dict[str, float], model: str,
-                 parameters: dict[str, float]) -> None:
+                 parameters: dict[str, float], structure: str = "") -> None:
         self.state = state
         self.certificate = certificate
         self.indexes = indexes
         self.model = model
         self.parameters = parameters
+        self.structure = structure
 
     def __repr__(self) -> str:
         return f"Cycle of {self.model}: {self.certificate}"
@@ -87,6 +88,7 @@ class Cycle:
         content = {
             "format": STATE_FORMAT,
             "model": self.model,
+            "structure": self.structure,
             "parameters": self.parameters,
             "state": [float(x).hex() for x in self.state],
             "certificate": {f: getattr(c, f) for f in ("verdict", "distance", "residual", "multiplier", "beats")},
@@ -105,8 +107,10 @@ class Cycle:
                 raise StateMismatch(f"{path}: format {content['format']}, this version reads {STATE_FORMAT}")
             state = np.array([float.fromhex(x) for x in content["state"]])
             return Cycle(state, Certificate(**content["certificate"]), content["indexes"], content["model"],
-                         content["parameters"])
-        except (KeyError, TypeError, UnicodeDecodeError, json.JSONDecodeError) as error:
+                         content["parameters"], content["structure"])
+        except StateMismatch:
+            raise
+        except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"{path}: not a saved limit cycle ({error!r})") from None
 
 

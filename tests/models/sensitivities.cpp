@@ -1,10 +1,11 @@
 // Derivatives through the limit cycle against central differences of tightly converged cycles.
 //
-// Differences of two steps are combined by Richardson. A derivative counts as wrong by its difference over
-// the larger of the two, and of a hundredth of |output/parameter|: what moves an output by less than 1e-4 of
-// itself for a change of the parameter by one percent is below what differences can resolve. Steps do not
-// divide the spans between break points: where they do, the scheme has a kink and its derivative is
-// one-sided.
+// Two differences are combined by Richardson, for several steps, of which the one with the
+// smallest error estimate counts; within that estimate (a third of the two differences' distance) they
+// resolve nothing. A derivative counts as wrong by its difference over the larger of the two, and of a
+// hundredth of |output/parameter|: what moves an output by less than 1e-4 of itself for a change of the
+// parameter by one percent is below what differences can resolve. Steps do not divide the spans between break
+// points: where they do, the scheme has a kink and its derivative is one-sided.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <map>
@@ -13,6 +14,7 @@
 #include <wiggers/core/errors.hpp>
 #include <wiggers/heart/heart_study.hpp>
 #include <wiggers/heart/loop_study.hpp>
+#include <wiggers/heart/run.hpp>
 
 using namespace wiggers;
 
@@ -27,7 +29,7 @@ bool is_event_time(const std::string& output) {
 // solve(parameter, value) gives the outputs of a tightly converged cycle. Returns the worst errors (smooth
 // outputs, event times) over all pairs and how many pairs were compared.
 struct Worst {
-  double smooth = 0, events = 0;
+  double smooth = 0, events = 0, unresolved = 0;
   std::size_t compared = 0;
   std::string smooth_at, events_at;
 };
@@ -55,24 +57,28 @@ Worst compare(const Sensitivities& table, const std::vector<NamedParameter>& par
     }
     for (std::size_t i = 0; i < table.outputs.size(); ++i) {
       const std::string& name = table.outputs[i];
-      double quotient = 0, best = 1e300;
+      double quotient = 0, resolution = 1e300;
       for (std::size_t s = 0; s < steps.size(); ++s) {
         const auto& [a, b, c, d] = points[s];
         REQUIRE(a.count(name) == 1);
         const double near = (c.at(name) - b.at(name)) / steps[s];
         const double wide = (d.at(name) - a.at(name)) / (2 * steps[s]);
-        if (std::abs(near - wide) >= best) continue;
-        best = std::abs(near - wide);
+        if (std::abs(near - wide) / 3 >= resolution) continue;
+        resolution = std::abs(near - wide) / 3;
         quotient = (4 * near - wide) / 3;
       }
       const double exact = table.derivatives[i * table.parameters.size() + j];
       const double floor = 0.01 * std::abs(table.values[i]) / size;
-      const double error =
-          std::abs(quotient - exact) / std::max({std::abs(quotient), std::abs(exact), floor});
-      double& largest = is_event_time(name) ? worst.events : worst.smooth;
+      const double scale = std::max({std::abs(quotient), std::abs(exact), floor});
+      const double error = std::max(0.0, std::abs(quotient - exact) - resolution) / scale;
+      worst.unresolved = std::max(worst.unresolved, resolution / scale);
+      // Fast gates at the beat's end follow the length of its last step, which the period moves: bends on the
+      // scale of a step, which differences resolve to their noise only.
+      const bool event = is_event_time(name) || (name.starts_with("start.") && p.name == "period_ms");
+      double& largest = event ? worst.events : worst.smooth;
       if (error > largest) {
         largest = error;
-        (is_event_time(name) ? worst.events_at : worst.smooth_at) = name + " by " + p.name;
+        (event ? worst.events_at : worst.smooth_at) = name + " by " + p.name;
       }
       ++worst.compared;
     }
@@ -137,6 +143,7 @@ TEST_CASE("loop sensitivities agree with differences") {
   CHECK(worst.compared == 46 * 75);
   CHECK(worst.smooth < 1e-5);
   CHECK(worst.events < 1e-3);
+  CHECK(worst.unresolved < 2e-3);
 }
 
 TEST_CASE("loop sensitivities converge with the step") {
@@ -196,7 +203,7 @@ TEST_CASE("loop sensitivities by dual numbers and by CVODES agree") {
 }
 
 namespace {
-void check_cell(const char* name, double dt_ms) {
+void check_cell(const char* name, double dt_ms, const std::vector<double>& steps) {
   CellStudy study = make_cell_study(find_model(name));
   study.dt_ms = dt_ms;
   std::vector<double> y = start_of(study);
@@ -208,7 +215,7 @@ void check_cell(const char* name, double dt_ms) {
   REQUIRE(table.parameters.size() + 1 == cell_study_parameters(study).size());
   // Differences of one set of parameters a thread of control: every cycle to rounding.
   const Worst worst =
-      compare(table, cell_study_parameters(study), {1e-4, 1e-5}, [&](const std::string& name, double value) {
+      compare(table, cell_study_parameters(study), steps, [&](const std::string& name, double value) {
         CellStudy changed = study;
         set_cell_study_parameter(changed, name, value);
         Outputs outputs;
@@ -220,11 +227,14 @@ void check_cell(const char* name, double dt_ms) {
             << worst.events);
   CHECK(worst.smooth < 1e-5);
   CHECK(worst.events < 1e-3);
+  CHECK(worst.unresolved < 2e-3);
 }
 }  // namespace
 
-TEST_CASE("cell sensitivities agree with differences") { check_cell("ttp06-endo", 0.0973); }
-TEST_CASE("atrial cell sensitivities agree with differences", "[.nightly]") { check_cell("crn", 0.0967); }
+TEST_CASE("cell sensitivities agree with differences") { check_cell("ttp06-endo", 0.0973, {1e-4, 1e-5}); }
+TEST_CASE("atrial cell sensitivities agree with differences", "[.nightly]") {
+  check_cell("crn", 0.0967, {1e-3, 1e-4, 1e-5});
+}
 
 TEST_CASE("a split step lands on the branch of the rates and changes little else") {
   // The study's beat against the plain steps of PacedCell.
@@ -313,9 +323,10 @@ TEST_CASE("heart sensitivities agree with differences") {
   INFO(worst.smooth_at << " " << worst.smooth << ", " << worst.events_at << " " << worst.events);
   CHECK(worst.smooth < 1e-5);
   CHECK(worst.events < 1e-3);
+  CHECK(worst.unresolved < 2e-3);
 }
 
-TEST_CASE("a study's heart is the driver's, and every parameter is the scene's key") {
+TEST_CASE("every parameter of a heart's study is the scene's key") {
   const Scene scene = read_scene_text(small_heart, "small heart", {});
   HeartStudy heart(scene);
   const auto list = heart.parameters();
@@ -334,6 +345,51 @@ TEST_CASE("a study's heart is the driver's, and every parameter is the scene's k
                                         ->value)
                            .epsilon(1e-12));
   }
+}
+
+TEST_CASE("a study's heart is the driver's with cells stepped along") {
+  const Scene scene =
+      read_scene(std::string(WIGGERS_TEST_DATA) + "/../../scenes/whole_heart.toml", {"run.distance=1e-7"});
+  HeartRun run(scene);
+  run.prepare(Progress::Style::quiet);
+  run.advance(Progress::Style::quiet, {});
+  HeartStudy study(scene);
+  LimitCycleSettings settings;
+  settings.distance = 1e-7;
+  const BeatIndexes mine = study.indexes(study.to_limit_cycle(settings, nullptr)), driver = run.indexes();
+  Outputs a, b;
+  for_each_index(mine, [&](const std::string& name, const char*, double x) { a[name] = x; });
+  for_each_index(driver, [&](const std::string& name, const char*, double x) { b[name] = x; });
+  REQUIRE(a.size() == b.size());
+  for (const auto& [name, value] : a) {
+    INFO(name);
+    CHECK(value ==
+          Approx(b.at(name)).epsilon(name.find("dpdt") == std::string::npos ? 1e-3 : 3e-3).margin(1e-3));
+  }
+}
+
+TEST_CASE("heart sensitivities reach the ionic cells") {
+  HeartStudy heart(read_scene(std::string(WIGGERS_TEST_DATA) + "/../../scenes/whole_heart.toml",
+                              {"solver.dt_s=2e-3", "solver.electrophysiology_substep_ms=0.0973"}));
+  HeartState state = heart.to_limit_cycle({}, nullptr);
+  const FixedPointDerivatives newton = heart.newton_at(state);
+  state = heart.refined(state, newton);
+  const Sensitivities table =
+      heart.sensitivities(state, {"cells.ventricles.ionic_changes.g_CaL", "cells.ventricles.calcium_factor",
+                                  "cells.atria.ionic_changes.g_CaL", "cells.atria.stimulus_ms"});
+  REQUIRE(table.parameters.size() == 4);
+  const Worst worst =
+      compare(table, heart.parameters(), {1e-4, 1e-5}, [&](const std::string& name, double value) {
+        HeartStudy changed = heart.copy();
+        changed.set_parameter(name, value);
+        Outputs outputs;
+        for_each_index(changed.indexes(changed.refined(state, newton)),
+                       [&](const std::string& index, const char*, double x) { outputs[index] = x; });
+        return outputs;
+      });
+  INFO(worst.smooth_at << " " << worst.smooth << ", " << worst.events_at << " " << worst.events);
+  CHECK(worst.smooth < 1e-5);
+  CHECK(worst.events < 1e-3);
 }
 
 TEST_CASE("studies refuse what they have no text for") {

@@ -114,7 +114,7 @@ def test_points_without_a_cycle_are_reported(truth):
     problem = Problem(loop, {"elastance.LV.TC": Free(0.1, 0.79, "linear"), "elastance.LV.EA": Free(1, 8)},
                       [Target("LV.EF_percent", 60, sd=1), Target("aorta.pressure_max_mmHg", 120, sd=1)])
     rows = problem.residuals_of_many(np.array([problem.start, [0.7, np.log(2.0)]]))
-    assert np.all(np.abs(rows[0]) < 100) and np.all(rows[1] == 1e3)
+    assert np.all(np.abs(rows[0]) < 100) and np.all(np.isinf(rows[1]))
     assert "longer than the period" in problem.failures[-1][1]
     assert least_squares(problem).outputs["LV.EF_percent"] == pytest.approx(60, abs=0.1)
 
@@ -137,7 +137,7 @@ def test_adapters(truth):
     assert 0.2 < posterior.acceptance < 0.95
     screening = sobol(problem, samples=32)
     row = screening.targets.index("aorta.pressure_max_mmHg")
-    assert screening.total[row].sum() == pytest.approx(1, abs=0.3) and screening.failures == 0
+    assert screening.total[row].sum() == pytest.approx(1, abs=0.3) and not any(screening.failures.values())
 
 
 def test_force_calcium():

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -311,3 +311,87 @@ def test_report_from_python(tmp_path):
     refused = subprocess.run([sys.executable, "-m", "wiggers", "report", "nothing.h5"], capture_output=True, text=True,
                              check=False)
     assert refused.returncode == 2 and "no such file" in refused.stderr
+
+
+def test_one_heart_runs_at_a_time():
+    heart = wiggers.Heart(SCENE)
+    with pytest.raises(wiggers.InputError, match="this heart is running"):
+        heart.to_limit_cycle(progress=lambda beats, distance: heart.parameters.__setitem__("walls.LV.EA", 2.5))
+    cold = heart.to_limit_cycle()
+    with ThreadPoolExecutor(4) as pool:
+        batch = heart.batch({"walls.LV.EA": np.linspace(2, 3, 8)}, executor=pool, chunk=1)
+    assert batch.good.all()
+    # A start from the scene owes nothing to what ran before, failed calls included.
+    with pytest.raises((wiggers.NumericalFailure, wiggers.InputError)):
+        heart.indexes(np.full_like(cold.state, 1e5))
+    assert np.array_equal(heart.to_limit_cycle().state, cold.state)
+    # Samples do not depend on whether the base point has a cycle.
+    heart.parameters.update({"walls.LV.EB": 900.0, "walls.LV.EA": 0.0})
+    batch = heart.batch({"walls.LV.EB": [0.08, 0.09], "walls.LV.EA": [2.75, 2.75]}, near=cold)
+    assert batch.good.all()
+
+
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda: wiggers.Cell("crn", dt_ms=0.0), "dt = 0 ms is outside"),
+    (lambda: wiggers.Cell("crn", integrator="cvode"), "unknown integrator"),
+    (lambda: wiggers.Cell("crn2"), "did you mean 'crn'"),
+    (lambda: wiggers.Loop().run(1, sample_s=0.0), "sample_s = 0 s is outside"),
+    (lambda: wiggers.Loop().run(1, sample_s=float("nan")), "sample_s = nan s is outside"),
+    (lambda: wiggers.Loop().run(0), "beats = 0"),
+    (lambda: wiggers.Loop().to_limit_cycle(np.ones(11)), r"shape \(11\), wanted is \(12,\)"),
+    (lambda: wiggers.Loop().to_limit_cycle(np.array(["a"] * 12)), "dtype"),
+    (lambda: wiggers.Heart(SCENE).refined(np.array([])), "the state has 0 numbers"),
+    (lambda: wiggers.Heart(SCENE).indexes(np.ones(40)), "the state has 40 numbers"),
+    (lambda: wiggers.Loop().batch({"elastance.LV.EA": ["big"]}), "could not convert"),
+])
+def test_calls_refuse(call, words):
+    with pytest.raises(wiggers.InputError, match=words):
+        call()
+
+
+def test_states_of_other_structure_are_refused(loop, loop_cycle, tmp_path):
+    path = tmp_path / "cycle.json"
+    loop_cycle.save(path)
+    with pytest.raises(wiggers.StateMismatch, match="runge-kutta-4 at 0.001 s"):
+        wiggers.Loop(dt_s=5e-4).load(path)
+    changed = loop.copy()
+    changed.parameters.circuit.SYS.C_VEN = 50.3
+    with pytest.raises(wiggers.StateMismatch, match="C_VEN"):
+        changed.sensitivities(loop_cycle)
+    # Rounding in the blood volume, which is a sum, is no difference.
+    changed.parameters.circuit.PUL.C_AR = 3.3
+    cycle = changed.to_limit_cycle()
+    cycle.save(path)
+    again = wiggers.Loop()
+    again.parameters.update(wiggers.Cycle.load(path).parameters)
+    assert np.array_equal(again.load(path).state, cycle.state)
+    assert pickle.loads(pickle.dumps(cycle)).certificate.beats == cycle.certificate.beats
+
+
+def test_other_integrators_find_the_cycle(loop_cycle):
+    cycle = wiggers.Loop(integrator="cvode").to_limit_cycle()
+    assert cycle.indexes["LV.EDV_mL"] == pytest.approx(loop_cycle.indexes["LV.EDV_mL"], rel=1e-5)
+
+
+def test_no_cycle_where_charge_is_not_kept():
+    cell = wiggers.Cell("ttp06-endo", dt_ms=0.1)
+    batch = cell.batch({"stimulus_K_fraction": [0.5, 0.5, 1.0]})
+    assert list(batch.good) == [False, False, True] and "stimulus_K_fraction" in batch.reasons[0]
+
+
+def test_refined_certifies_what_it_did():
+    cell = wiggers.Cell("ttp06-endo", dt_ms=0.1)
+    cycle = cell.to_limit_cycle()
+    refined = cell.refined(cycle)
+    assert refined.certificate.residual < 1e-11 < cycle.certificate.residual
+    with pytest.raises(wiggers.NumericalFailure):
+        wiggers.Cell("crn", dt_ms=0.1, period_ms=400).refined(wiggers.Cell("crn").initial_state)
+
+
+def test_empty_batches(loop):
+    assert len(loop.batch({"elastance.LV.EA": []})) == 0
+    with ThreadPoolExecutor(1) as pool:
+        assert len(loop.batch({"elastance.LV.EA": []}, executor=pool)) == 0
+    shares = []
+    loop.batch({"elastance.LV.EA": [2.5, 2.6]}, progress=shares.append)
+    assert shares[-1] == 1.0
