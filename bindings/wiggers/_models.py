@@ -134,7 +134,27 @@ class _Periodic:
         return f"{type(self).__name__}({self._kind}): {len(self.parameters)} parameters"
 
 
-class Cell(_Periodic):
+class _Equations(_Periodic):
+    """A model that is a system of ordinary differential equations."""
+
+    @property
+    def states(self) -> list[str]:
+        return self._core.state_names()
+
+    @property
+    def initial_state(self) -> np.ndarray:
+        return self._core.initial_state()
+
+    def rhs(self, t: float, y: np.ndarray) -> np.ndarray:
+        """Rates of the states at time t: per ms and ms for cells (the pacing's stimulus included), per s and s for loops."""
+        return self._core.rhs(t, y)
+
+    def jacobian(self, t: float, y: np.ndarray) -> np.ndarray:
+        """Exact derivatives of rhs: [rate, state]."""
+        return self._core.jacobian(t, y)
+
+
+class Cell(_Equations):
     """A paced cell: "crn", "ttp06-endo", "ttp06-mid", "ttp06-epi" (see wiggers.models()).
 
     integrator: "rush-larsen-2" or "rush-larsen" with steps of dt_ms; run() also takes adaptive ones. Parameters are
@@ -153,10 +173,6 @@ class Cell(_Periodic):
             self.parameters.update(changes)
 
     @property
-    def states(self) -> list[str]:
-        return self._core.state_names()
-
-    @property
     def index_units(self) -> dict[str, str]:
         """Units of every index a cell can have."""
         return dict(zip(self._core.index_names(), self._core.index_units(), strict=True))
@@ -168,18 +184,6 @@ class Cell(_Periodic):
     @property
     def source(self) -> str:
         return self._core.source
-
-    @property
-    def initial_state(self) -> np.ndarray:
-        return self._core.initial_state()
-
-    def rhs(self, t: float, y: np.ndarray) -> np.ndarray:
-        """Rates of the states (per ms) at time t (ms), the stimulus of the pacing included."""
-        return self._core.rhs(t, y)
-
-    def jacobian(self, t: float, y: np.ndarray) -> np.ndarray:
-        """Exact derivatives of rhs: [rate, state]."""
-        return self._core.jacobian(t, y)
 
     def run(self, beats: int = 1, start: Cycle | np.ndarray | None = None, *, sample_ms: float = 1.0,
             integrator: str = "cvode", rtol: float = 1e-8, atol: float = 1e-10, progress: Progress = None) -> Trace:
@@ -208,7 +212,7 @@ class Cell(_Periodic):
                           self.parameters.array)
 
 
-class Loop(_Periodic):
+class Loop(_Equations):
     """The closed circulation with elastance chambers; a parameter set by name (wiggers.loop_sets()), a loop file
     (its name ends with .toml) or such a file's text.
 
@@ -231,22 +235,6 @@ class Loop(_Periodic):
         self._settings = (text, {"integrator": integrator, "dt_s": dt_s, "rtol": rtol, "atol": atol})
         if changes:
             self.parameters.update(changes)
-
-    @property
-    def states(self) -> list[str]:
-        return self._core.state_names()
-
-    @property
-    def initial_state(self) -> np.ndarray:
-        return self._core.initial_state()
-
-    def rhs(self, t: float, y: np.ndarray) -> np.ndarray:
-        """Rates of the twelve states (per s) at time t (s)."""
-        return self._core.rhs(t, y)
-
-    def jacobian(self, t: float, y: np.ndarray) -> np.ndarray:
-        """Exact derivatives of rhs: [rate, state]."""
-        return self._core.jacobian(t, y)
 
     def run(self, beats: int = 1, start: Cycle | np.ndarray | None = None, *, sample_s: float = 1e-3,
             progress: Progress = None) -> Trace:

@@ -302,6 +302,20 @@ regulatory_substep_us = 100
 )";
 }  // namespace
 
+namespace {
+// A heart with one parameter changed, on its cycle to rounding.
+auto changed_heart(const HeartStudy& heart, const HeartState& near, const FixedPointDerivatives& newton) {
+  return [&](const std::string& name, double value) {
+    HeartStudy changed = heart.copy();
+    changed.set_parameter(name, value);
+    Outputs outputs;
+    for_each_index(changed.indexes(changed.refined(near, newton)),
+                   [&](const std::string& index, const char*, double x) { outputs[index] = x; });
+    return outputs;
+  };
+}
+}  // namespace
+
 TEST_CASE("heart sensitivities agree with differences") {
   HeartStudy heart(read_scene_text(small_heart, "small heart", {}));
   LimitCycleSettings settings;
@@ -311,15 +325,7 @@ TEST_CASE("heart sensitivities agree with differences") {
   state = heart.refined(state, newton);
   const Sensitivities table = heart.sensitivities(state);
   REQUIRE(table.parameters.size() >= 70);
-  const Worst worst =
-      compare(table, heart.parameters(), {1e-4, 1e-5}, [&](const std::string& name, double value) {
-        HeartStudy changed = heart.copy();
-        changed.set_parameter(name, value);
-        Outputs outputs;
-        for_each_index(changed.indexes(changed.refined(state, newton)),
-                       [&](const std::string& index, const char*, double x) { outputs[index] = x; });
-        return outputs;
-      });
+  const Worst worst = compare(table, heart.parameters(), {1e-4, 1e-5}, changed_heart(heart, state, newton));
   INFO(worst.smooth_at << " " << worst.smooth << ", " << worst.events_at << " " << worst.events);
   CHECK(worst.smooth < 1e-5);
   CHECK(worst.events < 1e-3);
@@ -378,15 +384,7 @@ TEST_CASE("heart sensitivities reach the ionic cells") {
       heart.sensitivities(state, {"cells.ventricles.ionic_changes.g_CaL", "cells.ventricles.calcium_factor",
                                   "cells.atria.ionic_changes.g_CaL", "cells.atria.stimulus_ms"});
   REQUIRE(table.parameters.size() == 4);
-  const Worst worst =
-      compare(table, heart.parameters(), {1e-4, 1e-5}, [&](const std::string& name, double value) {
-        HeartStudy changed = heart.copy();
-        changed.set_parameter(name, value);
-        Outputs outputs;
-        for_each_index(changed.indexes(changed.refined(state, newton)),
-                       [&](const std::string& index, const char*, double x) { outputs[index] = x; });
-        return outputs;
-      });
+  const Worst worst = compare(table, heart.parameters(), {1e-4, 1e-5}, changed_heart(heart, state, newton));
   INFO(worst.smooth_at << " " << worst.smooth << ", " << worst.events_at << " " << worst.events);
   CHECK(worst.smooth < 1e-5);
   CHECK(worst.events < 1e-3);
