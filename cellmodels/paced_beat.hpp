@@ -12,6 +12,7 @@
 #include <vector>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/fixed_step.hpp>
+#include <wiggers/core/root.hpp>
 
 namespace wiggers {
 
@@ -109,26 +110,8 @@ class PacedBeat {
       step(part, state.data(), current, plain);
       return state[V] - Model::branch_potential;
     };
-    double a = 0, b = h, fa = start[V] - Model::branch_potential, fb = distance(h);
-    int last = 0;
-    for (int k = 0; k < 60 && b - a > 1e-14 * h; ++k) {
-      const double c = fb == fa ? 0.5 * (a + b) : (a * fb - b * fa) / (fb - fa), fc = distance(c);
-      if (std::abs(fc) < 1e-12) {
-        b = c;
-        break;
-      }
-      if ((fc > 0) == (fb > 0)) {
-        b = c;
-        fb = fc;
-        if (last == -1) fa *= 0.5;
-        last = -1;
-      } else {
-        a = c;
-        fa = fc;
-        if (last == 1) fb *= 0.5;
-        last = 1;
-      }
-    }
+    const double b =
+        bracketed_root(distance, 0, h, start[V] - Model::branch_potential, distance(h), 1e-12, 1e-14 * h);
     std::array<Dual<1>, n_states> moving;
     for (std::size_t i = 0; i < n_states; ++i) moving[i] = start[i];
     const Dual<1> moving_current[1] = {current[0]};

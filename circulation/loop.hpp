@@ -62,18 +62,24 @@ void for_each_loop_parameter(AnyLoop& loop, Visit visit) {
     }
   }
 }
-// A loop with the same values and no derivatives.
-template <class P>
-LoopOf<P> lifted(const Loop& loop) {
-  LoopOf<P> result;
-  result.circulation.valve_law = loop.circulation.valve_law;
-  result.initial = loop.initial;
-  std::vector<double> values;
-  for_each_loop_parameter(
-      loop, [&](const std::string&, const Quantity&, double value) { values.push_back(value); });
-  std::size_t k = 0;
-  for_each_loop_parameter(result,
-                          [&](const std::string&, const Quantity&, P& field) { field = P(values[k++]); });
+// The same values in numbers of another kind, without derivatives.
+template <class To, class From>
+CirculationParametersOf<To> converted(const CirculationParametersOf<From>& from) {
+  CirculationParametersOf<To> result;
+  result.valve_law = from.valve_law;
+  result.tanh_steepness = To(value_of(from.tanh_steepness));
+  for (int v = 0; v < n_valves; ++v) copy_values(fields_of(from.valves[v]), fields_of(result.valves[v]));
+  for (int k = 0; k < 2; ++k) copy_values(fields_of(from.circuits[k]), fields_of(result.circuits[k]));
+  return result;
+}
+template <class To, class From>
+LoopOf<To> converted(const LoopOf<From>& from) {
+  LoopOf<To> result;
+  result.period_s = To(value_of(from.period_s));
+  result.circulation = converted<To>(from.circulation);
+  for (int c = 0; c < n_chambers; ++c)
+    copy_values(fields_of(from.elastance[c]), fields_of(result.elastance[c]));
+  result.initial = from.initial;
   return result;
 }
 

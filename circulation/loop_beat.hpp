@@ -8,6 +8,7 @@
 #include <cmath>
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/fixed_step.hpp>
+#include <wiggers/core/root.hpp>
 
 namespace wiggers {
 
@@ -96,7 +97,7 @@ class LoopBeat {
       }
     }
     breaks_ = kept;
-    if constexpr (std::is_same_v<T, double>) moving_ = lifted<Dual<1>>(loop_);
+    if constexpr (std::is_same_v<T, double>) moving_ = converted<Dual<1>>(loop_);
   }
 
   const LoopOf<T>& loop() const { return loop_; }
@@ -215,8 +216,8 @@ class LoopBeat {
         loop = &beat.loop_;
         moving = &beat.moving_;
       } else {
-        own = values_of(beat.loop_);
-        own_moving = lifted<Dual<1>>(own);
+        own = converted<double>(beat.loop_);
+        own_moving = converted<Dual<1>>(own);
         loop = &own;
         moving = &own_moving;
       }
@@ -229,7 +230,7 @@ class LoopBeat {
       for (int i = 0; i < n_circulation_states; ++i) state[i] = y[i];
       return drop_after<Dual<1>>(*moving, open, t, Dual<1>::variable(h, 0), state, valve).derivative[0];
     }
-    // Where the drop changes sign in (0, h]; -1 if it does not. Regula falsi with halving (Illinois).
+    // Where the drop changes sign in (0, h]; -1 if it does not.
     double root(const ValveStates& open, double h, int valve) const {
       const double sign = open[valve] ? 1 : -1;
       double a = 0, b = h;
@@ -241,37 +242,10 @@ class LoopBeat {
         a = (a == 0 ? b : a) * 0.5;
         fa = sign * drop(open, a, valve);
       }
-      int side = 0;
-      for (int k = 0; k < 100 && b - a > 1e-15; ++k) {
-        const double c = (a * fb - b * fa) / (fb - fa);
-        const double fc = sign * drop(open, c, valve);
-        if (std::abs(fc) < 1e-13) return c;
-        if (fc < 0) {
-          b = c;
-          fb = fc;
-          if (side == -1) fa *= 0.5;
-          side = -1;
-        } else {
-          a = c;
-          fa = fc;
-          if (side == 1) fb *= 0.5;
-          side = 1;
-        }
-      }
-      return b;
+      return bracketed_root([&](double c) { return sign * drop(open, c, valve); }, a, b, fa, fb, 1e-13,
+                            1e-15);
     }
   };
-  static Loop values_of(const LoopOf<T>& loop) {
-    Loop plain;
-    plain.circulation.valve_law = loop.circulation.valve_law;
-    std::vector<double> values;
-    for_each_loop_parameter(
-        loop, [&](const std::string&, const Quantity&, const T& x) { values.push_back(value_of(x)); });
-    std::size_t k = 0;
-    for_each_loop_parameter(plain, [&](const std::string&, const Quantity&, double& x) { x = values[k++]; });
-    return plain;
-  }
-
   LoopOf<T> loop_;
   double dt_;
   std::vector<T> breaks_;

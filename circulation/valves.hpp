@@ -33,6 +33,11 @@ inline constexpr std::array valve_quantities = {
     Quantity{"Rmax", "mmHg s/mL", 75000, 1e-3, 1e12, "resistance of the closed valve"},
 };
 static_assert(well_formed(valve_quantities));
+// Copies values between fields of two kinds of number.
+template <class From, class To>
+void copy_values(const From& from, const To& to) {
+  for (std::size_t k = 0; k < from.size(); ++k) *to[k] = value_of(*from[k]);
+}
 // The fields in the order of the quantities.
 template <class Valve>
 auto fields_of(Valve& v) requires requires {

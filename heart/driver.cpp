@@ -27,14 +27,7 @@ HeartDriverOf<T>::HeartDriverOf(DriverSettingsOf<T> settings, CirculationParamet
                                 std::vector<std::unique_ptr<WallOf<T>>> walls)
     : settings_(settings), circulation_(circulation), walls_(std::move(walls)) {
   n_steps_ = std::lround(value_of(settings_.period_s) / value_of(settings_.dt_s));
-  plain_.valve_law = circulation_.valve_law;
-  std::vector<double> values;
-  for_each_circulation_parameter(circulation_, [&](const std::string&, const Quantity&, const T& field) {
-    values.push_back(value_of(field));
-  });
-  std::size_t k = 0;
-  for_each_circulation_parameter(
-      plain_, [&](const std::string&, const Quantity&, double& field) { field = values[k++]; });
+  plain_ = converted<double>(circulation_);
   const PericardiumOf<T>& bag = settings_.pericardium;
   plain_bag_ = {value_of(bag.pressure_mmHg), value_of(bag.reference_volume_mL), value_of(bag.exponent)};
 }

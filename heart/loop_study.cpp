@@ -66,7 +66,7 @@ void check_loop(const Loop& loop) {
 using TangentBeat = LoopBeat<Tangent, WideStep>;
 
 LoopOf<Tangent> seeded_loop(const Loop& loop, const std::vector<Tangent>& parameters) {
-  LoopOf<Tangent> result = lifted<Tangent>(loop);
+  LoopOf<Tangent> result = converted<Tangent>(loop);
   std::size_t k = 0;
   for_each_loop_parameter(
       result, [&](const std::string&, const Quantity&, Tangent& field) { field = parameters[k++]; });

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import zlib
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
@@ -20,12 +21,10 @@ from ._results import Batch, Cycle, Sensitivities, StateMismatch, Trace
 Samples = np.ndarray | Mapping[str, Any]
 
 
-class _Periodic:
-    """What cells, loops and hearts have in common: a limit cycle that depends on parameters."""
+class _Model:
+    """What every model has: parameters, and copies."""
 
     _core: Any
-    _kind: str
-    _batch_options: dict[str, Any] = {}
 
     @property
     def parameters(self) -> Parameters:
@@ -38,6 +37,25 @@ class _Periodic:
         other.__dict__.update(self.__dict__)
         other._core = self._core.copy()
         return other
+
+
+class _Stated(_Model):
+    """A model whose state has named components."""
+
+    @property
+    def states(self) -> list[str]:
+        return self._core.state_names()
+
+    @property
+    def initial_state(self) -> np.ndarray:
+        return self._core.initial_state()
+
+
+class _Periodic(_Model, ABC):
+    """What cells, loops and hearts have in common: a limit cycle that depends on parameters."""
+
+    _kind: str
+    _batch_options: dict[str, Any] = {}
 
     def to_limit_cycle(self, near: Cycle | np.ndarray | None = None, *, distance: float = 1e-6,
                        max_beats: int = 1000, method: str = "anderson", progress: Progress = None) -> Cycle:
@@ -58,9 +76,9 @@ class _Periodic:
         return Cycle(state, certificate, dict(self._core.indexes(state)), self._kind, dict(self.parameters),
                      self._structure())
 
+    @abstractmethod
     def _structure(self) -> str:
         """What a state depends on beside the parameters."""
-        raise NotImplementedError
 
     def indexes(self, state: Cycle | np.ndarray) -> dict[str, float]:
         """Indexes of the beat from a state; what the beat does not have (a valve that never opens) is absent."""
@@ -134,16 +152,17 @@ class _Periodic:
         return f"{type(self).__name__}({self._kind}): {len(self.parameters)} parameters"
 
 
-class _Equations(_Periodic):
+class _Refinable(_Periodic):
+    """A model whose cycle Newton brings to rounding."""
+
+    def refined(self, near: Cycle | np.ndarray) -> Cycle:
+        """The cycle to rounding, by Newton with exact derivatives, from one nearby."""
+        # A few beats on the refined cycle certify it.
+        return self.to_limit_cycle(self._core.refined(_state(near)), distance=1e-9, max_beats=30)
+
+
+class _Equations(_Stated, _Periodic):
     """A model that is a system of ordinary differential equations."""
-
-    @property
-    def states(self) -> list[str]:
-        return self._core.state_names()
-
-    @property
-    def initial_state(self) -> np.ndarray:
-        return self._core.initial_state()
 
     def rhs(self, t: float, y: np.ndarray) -> np.ndarray:
         """Rates of the states at time t: per ms and ms for cells (the pacing's stimulus included), per s and s for loops."""
@@ -154,7 +173,7 @@ class _Equations(_Periodic):
         return self._core.jacobian(t, y)
 
 
-class Cell(_Equations):
+class Cell(_Equations, _Refinable):
     """A paced cell: "crn", "ttp06-endo", "ttp06-mid", "ttp06-epi" (see wiggers.models()).
 
     integrator: "rush-larsen-2" or "rush-larsen" with steps of dt_ms; run() also takes adaptive ones. Parameters are
@@ -192,11 +211,6 @@ class Cell(_Equations):
             columns, end = self._core.run(self.initial_state if start is None else _state(start), _whole(beats, "beats"),
                                           sample_ms, integrator, rtol, atol, shown.beats)
         return Trace(columns, end)
-
-    def refined(self, near: Cycle | np.ndarray) -> Cycle:
-        """The cycle to rounding, by Newton with exact derivatives, from one nearby."""
-        # A few beats on the refined cycle certify it.
-        return self.to_limit_cycle(self._core.refined(_state(near)), distance=1e-9, max_beats=30)
 
     def sensitivities(self, cycle: Cycle | np.ndarray, *, progress: Progress = None) -> Sensitivities:
         """Derivatives of every index on the limit cycle by every parameter."""
@@ -259,7 +273,7 @@ class Loop(_Equations):
         return _rebuild, (Loop, self._settings[:1], self._settings[1], self.parameters.array)
 
 
-class Heart(_Periodic):
+class Heart(_Refinable):
     """The reduced whole heart of a scene file (or a scene's text), cells on their limit cycles.
 
     set: overrides by key, {"walls.LV.activation_ms": 150}; accuracy: draft | standard | reference | founding.
@@ -293,11 +307,6 @@ class Heart(_Periodic):
             start = self.to_limit_cycle(progress=progress)
         return Trace(self._core.run(_state(start)))
 
-    def refined(self, near: Cycle | np.ndarray) -> Cycle:
-        """The cycle to rounding, by Newton with exact derivatives, from one nearby."""
-        # A few beats on the refined cycle certify it.
-        return self.to_limit_cycle(self._core.refined(_state(near)), distance=1e-9, max_beats=30)
-
     def sensitivities(self, cycle: Cycle | np.ndarray, parameters: Sequence[str] = (), *,
                       progress: Progress = None) -> Sensitivities:
         """Derivatives of every index on the limit cycle by the named parameters (none named: by all)."""
@@ -314,30 +323,13 @@ class Heart(_Periodic):
         return _rebuild, (Heart, (self.text,), {}, self.parameters.array)
 
 
-class Force:
+class Force(_Stated):
     """RDQ20 active force: parameter sets "human37", "rat-room", "fedele2023-ventricles", "fedele2023-atria"."""
 
     def __init__(self, parameters: str = "human37", **changes: float) -> None:
         self._core = _core.ForceModel(parameters)
         if changes:
             self.parameters.update(changes)
-
-    @property
-    def parameters(self) -> Parameters:
-        return Parameters(self._core)
-
-    @property
-    def states(self) -> list[str]:
-        return self._core.state_names()
-
-    @property
-    def initial_state(self) -> np.ndarray:
-        return self._core.initial_state()
-
-    def copy(self) -> Force:
-        other = Force.__new__(Force)
-        other._core = self._core.copy()
-        return other
 
     def __reduce__(self) -> Any:
         return _rebuild, (Force, (), {}, self.parameters.array)
