@@ -129,9 +129,9 @@ class CellModelOf final : public CellModel {
     std::memcpy(values.data(), &constants, sizeof(constants));
     return values;
   }
-  std::vector<double> voltage_table_row(double V, double h, const double* p) const override {
+  std::vector<double> voltage_table_row(double V, double h, Decay decay, const double* p) const override {
     if constexpr (is_ionic_model<Model>) {
-      const auto row = wiggers::voltage_table_row<Model, double>(V, h, Model::constants(p));
+      const auto row = wiggers::voltage_table_row<Model, double>(V, h, decay, Model::constants(p));
       return {row.begin(), row.end()};
     }
     return {};

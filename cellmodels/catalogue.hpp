@@ -11,6 +11,7 @@
 #include <string_view>
 #include <vector>
 #include <wiggers/cellmodels/stimulus.hpp>
+#include <wiggers/cellmodels/voltage_table.hpp>
 #include <wiggers/core/adaptive.hpp>
 #include <wiggers/core/quantity.hpp>
 
@@ -73,7 +74,8 @@ class CellModel {
   // What the model derives from its parameters once, as plain numbers; and one row of its table of functions
   // of V for steps of h (voltage_table.hpp; empty for models without a membrane).
   virtual std::vector<double> derived_constants(const double* parameters) const = 0;
-  virtual std::vector<double> voltage_table_row(double V, double h, const double* parameters) const = 0;
+  virtual std::vector<double> voltage_table_row(double V, double h, Decay decay,
+                                                const double* parameters) const = 0;
 
   // The conserved quantity (charge of an ionic model). Whether it is conserved depends on the parameters.
   virtual bool keeps_invariant(const double* parameters) const = 0;

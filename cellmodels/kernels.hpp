@@ -22,11 +22,16 @@ struct KernelCall {
   const Real* uniform_inputs = nullptr;   // [input]
   const Real* constants = nullptr;        // the model's derived constants, uniform
   const Real* point_constants = nullptr;  // [block][constant][lane], or null: the uniform ones
-  VoltageTableView<Real> table;           // of steps h (rush-larsen) or h/2 (rush-larsen-2); no rows: none
+  // Of steps h (rush-larsen), h/2 (rush-larsen-2) or h/a0 (bdf2-imex: a0 = 3/2, first 1); no rows: none.
+  VoltageTableView<Real> table;
   const Real* lower = nullptr;            // [state]: the range outside which a state is refused
   const Real* upper = nullptr;
   double h = 0;
   int n_steps = 0;
+  // Integrator "bdf2-imex": one step under a given potential, which stands in the row of the membrane potential.
+  Real* previous = nullptr;  // [block][state][lane]: the states one step earlier
+  Real* rates = nullptr;     // [block][lane]: dV/dt of the cell's own currents, written
+  bool first = false;        // no history yet: BDF1
 };
 
 // Steps the blocks [first, last); false if in the end a state is outside its range or no number, or if on the
@@ -36,7 +41,7 @@ using Kernel = bool (*)(const KernelCall<Real>&, std::size_t first, std::size_t 
 
 struct KernelKey {
   std::string_view model;       // a name of the catalogue
-  std::string_view integrator;  // rush-larsen | rush-larsen-2, for rdq20 frozen-midpoint
+  std::string_view integrator;  // rush-larsen | rush-larsen-2 | bdf2-imex, for rdq20 frozen-midpoint
   bool tabulated = false;
   bool per_point = false;
 };

@@ -162,6 +162,92 @@ template <class Model, class V, template <class, class, bool> class Steps, bool 
   return good;
 }
 
+// One step of the founding paper's scheme for the cells of a tissue, whose potential u* (extrapolated) is given:
+// gates implicitly (they are linear in themselves), everything else explicitly at states extrapolated to the
+// step's end, the rate of the potential with the new gates. Second order; `first`: BDF1 for want of history.
+template <class Model, class V, bool tabulated>
+[[gnu::flatten]] bool run_bdf2(const KernelCall<typename V::Scalar>& call, std::size_t first_block,
+                               std::size_t last_block) {
+  using Real = typename V::Scalar;
+  using Layout = VoltageTableLayout<Model>;
+  constexpr std::size_t n = Model::states.size(), n_in = Model::inputs.size(), width = block_lanes<Real>;
+  constexpr std::size_t room = (Layout::n_columns + V::lanes - 1) / V::lanes * V::lanes;
+  typename Model::template Constants<Real> constants;
+  __builtin_memcpy(&constants, call.constants, sizeof(constants));
+  const FlushSubnormals flush;
+  // a0 y^{n+1} = a1 y^n + a2 y^{n-1} + h f, divided by a0; y* = e1 y^n + e2 y^{n-1}.
+  const double a0 = call.first ? 1.0 : 1.5;
+  const V now_share(call.first ? 1.0 : 2.0 / a0), before_share(call.first ? 0.0 : -0.5 / a0), step(call.h / a0);
+  const V now_ahead(call.first ? 1.0 : 2.0), before_ahead(call.first ? 0.0 : -1.0);
+  auto bad = V::Mask::none();
+  for (std::size_t block = first_block; block < last_block; ++block) {
+    for (std::size_t offset = 0; offset < width; offset += V::lanes) {
+      Real* states = call.states + block * n * width + offset;
+      Real* previous = call.previous + block * n * width + offset;
+      V inputs[n_in], at[n], past[n];
+      for (std::size_t i = 0; i < n_in; ++i) inputs[i] = V(static_cast<double>(call.uniform_inputs[i]));
+      for (std::size_t i = 0; i < n; ++i) {
+        const V now = V::load(states + i * width), before = V::load(previous + i * width);
+        past[i] = now_share * now + before_share * before;
+        const V ahead = now_ahead * now + before_ahead * before;
+        // A concentration must not leave its positive range on the way.
+        at[i] = !Model::is_gate[i] && Model::states[i].lower >= 0 ? select(ahead > V(0.0), ahead, now) : ahead;
+        now.store(previous + i * width);
+      }
+      const V potential = V::load(states + Model::membrane_potential * width);
+      at[Model::membrane_potential] = potential;
+      EvaluationOf<Model, V> e;
+      std::array<V, Model::n_voltage_factors> factors;
+      V next[n];
+      if constexpr (tabulated) {
+        V columns[room];
+        bad = bad | look_up<Model, V>(call.table, potential, columns);
+        for (std::size_t k = 0; k < factors.size(); ++k) factors[k] = columns[2 * Layout::n_gates + k];
+        std::size_t column = 0;
+        for (std::size_t i = 0; i < n; ++i) {
+          if (!Model::is_voltage_gate[i]) continue;
+          const V steady = columns[column], decay = columns[column + Layout::n_gates];
+          at[i] = next[i] = steady + (past[i] - steady) * decay;
+          ++column;
+        }
+      } else {
+        Model::voltage_gates(potential, constants, e);
+        factors = Model::voltage_factors(potential, constants);
+        for (std::size_t i = 0; i < n; ++i)
+          if (Model::is_voltage_gate[i]) {
+            const V rate = step / e.tau[i];
+            at[i] = next[i] = (past[i] + rate * e.steady[i]) / (V(1.0) + rate);
+          }
+      }
+      Model::balances(at, inputs, factors, constants, e);
+      for (std::size_t i = 0; i < n; ++i) {
+        if (i == static_cast<std::size_t>(Model::membrane_potential)) continue;
+        if (Model::is_gate[i] && !Model::is_voltage_gate[i]) {
+          const V rate = step / e.tau[i];
+          next[i] = (past[i] + rate * e.steady[i]) / (V(1.0) + rate);
+        } else if (!Model::is_gate[i]) {
+          next[i] = past[i] + step * e.derivative[i];
+        }
+        next[i].store(states + i * width);
+        const V lower(static_cast<double>(call.lower[i])), upper(static_cast<double>(call.upper[i]));
+        bad.bits |= ~((next[i].v >= lower.v) & (next[i].v <= upper.v));
+      }
+      const V rate = e.derivative[Model::membrane_potential];
+      rate.store(call.rates + block * width + offset);
+      bad.bits |= ~(rate.v == rate.v);
+    }
+  }
+  bool good = true;
+  for (int lane = 0; lane < V::lanes; ++lane) good = good && bad.bits[lane] == 0;
+  return good;
+}
+
+template <class Model, class V>
+Kernel<typename V::Scalar> ionic_bdf2(const KernelKey& key) {
+  if (key.per_point) return nullptr;
+  return key.tabulated ? run_bdf2<Model, V, true> : run_bdf2<Model, V, false>;
+}
+
 template <class Model, class V, template <class, class, bool> class Steps>
 Kernel<typename V::Scalar> ionic(const KernelKey& key) {
   if (key.tabulated)
@@ -193,6 +279,11 @@ Kernel<typename V::Scalar> find_for(const KernelKey& key) {
     if (same(key.model, Crn::name)) return ionic<Crn, V, RushLarsen2Steps>(key);
     if (is_endo) return ionic<Endo, V, RushLarsen2Steps>(key);
     if (is_epi) return ionic<Epi, V, RushLarsen2Steps>(key);
+  }
+  if (same(key.integrator, "bdf2-imex")) {
+    if (same(key.model, Crn::name)) return ionic_bdf2<Crn, V>(key);
+    if (is_endo) return ionic_bdf2<Endo, V>(key);
+    if (is_epi) return ionic_bdf2<Epi, V>(key);
   }
   if (same(key.integrator, "frozen-midpoint") && same(key.model, Rdq20::name) && !key.tabulated)
     return key.per_point ? run<Rdq20, V, MidpointSteps, false, true>

@@ -62,6 +62,9 @@ struct CellPopulation::Storage {
   virtual double get(std::size_t cell, std::size_t state) const = 0;
   virtual void set(std::size_t cell, std::size_t state, double value) = 0;
   virtual void step(double h, int n_steps) = 0;
+  virtual void step_under(std::span<const double> potential, double h, bool first, std::span<double> rate) = 0;
+  virtual void copy(int level, std::span<double> values) const = 0;
+  virtual void assign(int level, std::span<const double> values) = 0;
 };
 
 template <class Real>
@@ -91,6 +94,10 @@ struct CellPopulation::StorageOf final : Storage {
       lower_.push_back(static_cast<Real>(q.lower - slack(q)));
       upper_.push_back(static_cast<Real>(q.upper + slack(q)));
     }
+    if (settings.integrator == "bdf2-imex") {
+      previous_ = states_;
+      rates_.resize(n_blocks_ * width);
+    }
     choose_kernel();
   }
 
@@ -105,7 +112,7 @@ struct CellPopulation::StorageOf final : Storage {
       throw InputError(fmt::format("{} has no kernel for integrator '{}'{}; it has {}", model_.name,
                                    settings_.integrator, settings_.table_spacing_mV > 0 ? " with tables" : "",
                                    model_.is_ionic()
-                                       ? "rush-larsen and rush-larsen-2, with and without tables"
+                                       ? "rush-larsen, rush-larsen-2 and bdf2-imex, with and without tables"
                                        : "frozen-midpoint, without tables"));
   }
 
@@ -117,9 +124,9 @@ struct CellPopulation::StorageOf final : Storage {
         all.insert(all.end(), parameters_.begin(), parameters_.end());
     for (std::size_t cell = 0; cell < n_cells_; ++cell) all[cell * n_parameters + parameter] = values[cell];
     if (settings_.table_spacing_mV > 0) {
-      const auto uniform = model_.voltage_table_row(-20, 0.01, parameters_.data());
+      const auto uniform = model_.voltage_table_row(-20, 0.01, Decay::exponential, parameters_.data());
       for (std::size_t cell = 0; cell < n_cells_; ++cell)
-        if (model_.voltage_table_row(-20, 0.01, &all[cell * n_parameters]) != uniform)
+        if (model_.voltage_table_row(-20, 0.01, Decay::exponential, &all[cell * n_parameters]) != uniform)
           throw InputError(fmt::format(
               "parameter {} enters the tables of functions of V and cannot differ between cells with "
               "tables: set table_spacing_mV = 0, or make one population for each value",
@@ -163,11 +170,12 @@ struct CellPopulation::StorageOf final : Storage {
     const Quantity& q = model_.states[static_cast<std::size_t>(model_.membrane_potential)];
     const double spacing = settings_.table_spacing_mV;
     const auto n_rows = static_cast<long>(std::ceil((q.upper - q.lower) / spacing)) + 1;
-    const std::size_t stride = model_.voltage_table_row(q.lower, h, parameters_.data()).size();
+    const Decay decay = previous_.empty() ? Decay::exponential : Decay::implicit;
+    const std::size_t stride = model_.voltage_table_row(q.lower, h, decay, parameters_.data()).size();
     table_.resize(static_cast<std::size_t>(n_rows) * stride);
     for (long k = 0; k < n_rows; ++k) {
       const auto row =
-          model_.voltage_table_row(q.lower + static_cast<double>(k) * spacing, h, parameters_.data());
+          model_.voltage_table_row(q.lower + static_cast<double>(k) * spacing, h, decay, parameters_.data());
       for (std::size_t c = 0; c < stride; ++c)
         table_[static_cast<std::size_t>(k) * stride + c] = static_cast<Real>(row[c]);
     }
@@ -175,14 +183,16 @@ struct CellPopulation::StorageOf final : Storage {
     table_step_ = h;
   }
 
-  void step(double h, int n_steps) override {
-    // Lanes past the last cell are that cell again: they can fail only where it fails, too.
+  // Lanes past the last cell are that cell again: they can fail only where it fails, too.
+  void fill_spare_lanes(Aligned<Real>& states) {
     for (std::size_t lane = n_cells_; lane < n_blocks_ * width; ++lane)
       for (std::size_t i = 0; i < n_states_; ++i)
-        states_[index(lane, i, n_states_)] = states_[index(n_cells_ - 1, i, n_states_)];
+        states[index(lane, i, n_states_)] = states[index(n_cells_ - 1, i, n_states_)];
+  }
+
+  KernelCall<Real> kernel_call(double decay_step) {
     KernelCall<Real> call;
     if (settings_.table_spacing_mV > 0) {
-      const double decay_step = settings_.integrator == "rush-larsen-2" ? 0.5 * h : h;
       if (table_step_ != decay_step) build_table(decay_step);
       call.table = view_;
     }
@@ -193,8 +203,10 @@ struct CellPopulation::StorageOf final : Storage {
     call.point_constants = point_constants_.empty() ? nullptr : point_constants_.data();
     call.lower = lower_.data();
     call.upper = upper_.data();
-    call.h = h;
-    call.n_steps = n_steps;
+    return call;
+  }
+
+  void run(const KernelCall<Real>& call, double h) {
     good_.store(true);
     pool_.split(n_blocks_, [&](std::size_t first, std::size_t last) {
       if (!kernel_(call, first, last)) good_.store(false);
@@ -202,7 +214,46 @@ struct CellPopulation::StorageOf final : Storage {
     if (!good_.load()) explain(h);
   }
 
-  static double slack(const Quantity& q) {
+  void step(double h, int n_steps) override {
+    fill_spare_lanes(states_);
+    KernelCall<Real> call = kernel_call(settings_.integrator == "rush-larsen-2" ? 0.5 * h : h);
+    call.h = h;
+    call.n_steps = n_steps;
+    run(call, h);
+  }
+
+  void step_under(std::span<const double> potential, double h, bool first, std::span<double> rate) override {
+    const auto row = static_cast<std::size_t>(model_.membrane_potential);
+    for (std::size_t cell = 0; cell < n_cells_; ++cell)
+      states_[index(cell, row, n_states_)] = static_cast<Real>(potential[cell]);
+    fill_spare_lanes(states_);
+    fill_spare_lanes(previous_);
+    KernelCall<Real> call = kernel_call(first ? h : h / 1.5);
+    call.h = h;
+    call.n_steps = 1;
+    call.previous = previous_.data();
+    call.rates = rates_.data();
+    call.first = first;
+    run(call, h);
+    for (std::size_t cell = 0; cell < n_cells_; ++cell) rate[cell] = static_cast<double>(rates_[cell]);
+  }
+
+  void copy(int level, std::span<double> values) const override {
+    const auto& from = level == 0 ? states_ : previous_;
+    for (std::size_t cell = 0; cell < n_cells_; ++cell)
+      for (std::size_t i = 0; i < n_states_; ++i)
+        values[cell * n_states_ + i] = static_cast<double>(from[index(cell, i, n_states_)]);
+  }
+  void assign(int level, std::span<const double> values) override {
+    auto& to = level == 0 ? states_ : previous_;
+    for (std::size_t cell = 0; cell < n_cells_; ++cell)
+      for (std::size_t i = 0; i < n_states_; ++i)
+        to[index(cell, i, n_states_)] = static_cast<Real>(values[cell * n_states_ + i]);
+  }
+
+  double slack(const Quantity& q) const {
+    // BDF2 keeps no bounds: a gate that opens within a step passes its steady value by a little, and comes back.
+    if (settings_.integrator == "bdf2-imex" && q.unit == "1") return 0.05;
     return (sizeof(Real) == 4 ? 1e-4 : 1e-6) * std::max(1.0, std::abs(q.upper));
   }
   [[noreturn]] void explain(double h) const {
@@ -233,7 +284,7 @@ struct CellPopulation::StorageOf final : Storage {
   std::size_t n_states_, n_inputs_, n_blocks_;
   ThreadPool pool_;
   Kernel<Real> kernel_ = nullptr;
-  Aligned<Real> states_, inputs_, constants_, point_constants_, table_;
+  Aligned<Real> states_, previous_, rates_, inputs_, constants_, point_constants_, table_;
   std::vector<Real> uniform_inputs_, lower_, upper_;
   std::vector<double> point_parameters_;
   VoltageTableView<Real> view_;
@@ -279,6 +330,11 @@ void check_state(const Quantity& q, double value, const std::string& place) {
 }
 void require_size(std::size_t given, std::size_t wanted, std::string_view name) {
   if (given != wanted) throw InputError(fmt::format("{}: {} values given for {}", name, given, wanted));
+}
+void require_bdf2(const PopulationSettings& settings) {
+  if (settings.integrator != "bdf2-imex")
+    throw InputError(fmt::format("integrator '{}' of a population keeps no history: use 'bdf2-imex'",
+                                 settings.integrator));
 }
 }  // namespace
 
@@ -327,10 +383,31 @@ void CellPopulation::write_state(std::string_view name, std::span<const double> 
   }
 }
 void CellPopulation::step(double h, int n_steps) {
+  if (settings_.integrator == "bdf2-imex")
+    throw InputError("integrator 'bdf2-imex' of a population steps under a given potential: use step_under");
   if (!(h > 0) || !std::isfinite(h))
     throw InputError(fmt::format("step = {} {} must be positive", h, model_.time_unit));
   if (n_steps < 0) throw InputError(fmt::format("n_steps = {} must not be negative", n_steps));
   storage_->step(h, n_steps);
+}
+void CellPopulation::step_under(std::span<const double> potential_mV, double h, bool first,
+                                std::span<double> rate) {
+  require_bdf2(settings_);
+  require_size(potential_mV.size(), n_cells_, "potential");
+  require_size(rate.size(), n_cells_, "rate");
+  if (!(h > 0) || !std::isfinite(h))
+    throw InputError(fmt::format("step = {} {} must be positive", h, model_.time_unit));
+  storage_->step_under(potential_mV, h, first, rate);
+}
+void CellPopulation::copy_states(int level, std::span<double> values) const {
+  if (level != 0) require_bdf2(settings_);
+  require_size(values.size(), n_cells_ * model_.states.size(), "states");
+  storage_->copy(level, values);
+}
+void CellPopulation::assign_states(int level, std::span<const double> values) {
+  if (level != 0) require_bdf2(settings_);
+  require_size(values.size(), n_cells_ * model_.states.size(), "states");
+  storage_->assign(level, values);
 }
 
 }  // namespace wiggers

@@ -21,7 +21,8 @@
 namespace wiggers {
 
 struct PopulationSettings {
-  // rush-larsen | rush-larsen-2 for ionic models, frozen-midpoint for rdq20; empty: the model's first
+  // rush-larsen | rush-larsen-2 | bdf2-imex (step_under only) for ionic models, frozen-midpoint for rdq20;
+  // empty: the model's first
   std::string integrator;
   bool single_precision = false;
   // Spacing of the tables of functions of V, mV; 0: no tables. 0.01 to 1.
@@ -60,6 +61,15 @@ class CellPopulation {
   // one that left its range throws NumericalFailure with cell, state,
   // value, step and what to try.
   void step(double h, int n_steps = 1);
+
+  // The cells' half of a monodomain step, integrator "bdf2-imex": advances all states but the potential by h
+  // under the potential given for the step's end (mV, extrapolated by the caller; shape (size())), and writes
+  // the rate of the potential by the cell's own currents, -I_ion/C_m (mV/ms). `first`: there is no history.
+  void step_under(std::span<const double> potential_mV, double h, bool first, std::span<double> rate);
+
+  // All states of all cells, shape (size(), states), now (level 0) or one step earlier (level 1, "bdf2-imex").
+  void copy_states(int level, std::span<double> values) const;
+  void assign_states(int level, std::span<const double> values);
 
  private:
   struct Storage;

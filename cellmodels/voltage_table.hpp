@@ -1,6 +1,6 @@
 // Tables of a model's functions of the membrane potential: for every gate that depends on V alone its steady
-// value and its decay exp(-h/tau) over one step, and the factors of the currents. Uniform spacing, linear
-// interpolation, one contiguous row for each potential.
+// value and its decay over one step, exp(-h/tau) or, for implicit steps, 1/(1 + h/tau), and the factors of the
+// currents. Uniform spacing, linear interpolation, one contiguous row for each potential.
 //
 // The layout of a row: steady values of the voltage gates in state order, their decays, the factors, padding
 // to whole cache lines.
@@ -37,10 +37,12 @@ struct VoltageTableView {
   }
 };
 
+enum class Decay { exponential, implicit };
+
 // One row, for steps of length h.
 template <class Model, class P>
 std::array<double, VoltageTableLayout<Model>::stride> voltage_table_row(
-    double V, double h, const typename Model::template Constants<P>& constants) {
+    double V, double h, Decay decay, const typename Model::template Constants<P>& constants) {
   using Layout = VoltageTableLayout<Model>;
   std::array<double, Layout::stride> row{};
   EvaluationOf<Model, double> e{};
@@ -49,7 +51,8 @@ std::array<double, VoltageTableLayout<Model>::stride> voltage_table_row(
   for (std::size_t i = 0; i < Model::states.size(); ++i) {
     if (!Model::is_voltage_gate[i]) continue;
     row[column] = e.steady[i];
-    row[column + Layout::n_gates] = std::exp(-h / e.tau[i]);
+    row[column + Layout::n_gates] =
+        decay == Decay::exponential ? std::exp(-h / e.tau[i]) : 1 / (1 + h / e.tau[i]);
     ++column;
   }
   const auto factors = Model::voltage_factors(V, constants);

@@ -1,61 +1,45 @@
-// wiggers: from a single heart cell to a full beat. Exit status: 0 done; 1 the computation failed or the
-// machine refused; 2 bad input, nothing computed and nothing written.
-#include <cstdio>
-#include <exception>
-#include <wiggers/core/errors.hpp>
-#include <wiggers/core/progress.hpp>
-#include <wiggers/heart/summary.hpp>
+// wiggers: from a single heart cell to a full beat. This executable starts at once because it links none of the
+// libraries of the 3D tissue; where those are asked for, it hands over to wiggers-3d beside it.
+#include <fmt/core.h>
+#include <unistd.h>
 
-#include "verbs.hpp"
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <filesystem>
+#include <string_view>
+#include <wiggers/heart/tissue_kind.hpp>
+
+#include "application.hpp"
+
+namespace {
+
+// Returns only if there is no such executable.
+void hand_over(char** argv) {
+  std::error_code none;
+  const auto self = std::filesystem::read_symlink("/proc/self/exe", none);
+  if (none) return;
+  const auto other = self.parent_path() / "wiggers-3d";
+  std::fflush(nullptr);
+  execv(other.c_str(), argv);
+}
+
+}  // namespace
 
 int main(int argc, char** argv) {
-  using namespace wiggers;
-  catch_interrupts();
-  CLI::App app("wiggers: from a single heart cell to a full beat");
-  app.require_subcommand(1);
-  app.set_version_flag("--version", version_text());
-  app.failure_message(CLI::FailureMessage::help);
-  command::add_run(app);
-  command::add_check(app);
-  command::add_cell(app);
-  command::add_force(app);
-  command::add_loop(app);
-  command::add_models(app);
-  command::add_report(app);
-  command::add_doctor(app);
-  command::add_trade(app);
-  command::add_extremes(app);
-  const auto say = [](const char* kind, const std::exception& error) {
-    std::fflush(stdout);
-    std::fprintf(stderr, "wiggers: %s: %s\n", kind, error.what());
-  };
-  try {
-    app.parse(argc, argv);
-    if (std::fflush(stdout) != 0) throw ResourceError("cannot write to standard output");
-    return 0;
-  } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-    std::string message = error.what();
-    if (argc > 1 && argv[1][0] != '-' && app.get_subcommands().empty()) {
-      std::vector<std::string> verbs;
-      for (const CLI::App* verb : app.get_subcommands({})) verbs.push_back(verb->get_name());
-      const std::string nearest = nearest_name(argv[1], verbs);
-      message = "unknown command '" + std::string(argv[1]) + "'" +
-                (nearest.empty() ? "" : "; did you mean '" + nearest + "'?") + " See wiggers --help";
+  constexpr std::array<std::string_view, 3> verbs_3d = {"mesh", "fibres", "benchmark"};
+  std::string refusal;
+  if (argc > 1 && std::find(verbs_3d.begin(), verbs_3d.end(), argv[1]) != verbs_3d.end()) {
+    hand_over(argv);
+    refusal = fmt::format("{}: {}", argv[1], wiggers::TissueNeeded::reason);
+  } else {
+    try {
+      return wiggers::command::run_application(argc, argv, [](CLI::App&) {});
+    } catch (const wiggers::TissueNeeded& needed) {
+      hand_over(argv);
+      refusal = needed.what();
     }
-    std::fprintf(stderr, "wiggers: bad input: %s\n", message.c_str());
-    return 2;
-  } catch (const InputError& error) {
-    say("bad input", error);
-    return 2;
-  } catch (const Interrupted& error) {
-    say("interrupted", error);
-    return 1;
-  } catch (const NumericalFailure& error) {
-    say("the computation failed", error);
-    return 1;
-  } catch (const std::exception& error) {
-    say("failed", error);
-    return 1;
   }
+  std::fprintf(stderr, "wiggers: bad input: %s\n", refusal.c_str());
+  return 2;
 }

@@ -1,0 +1,38 @@
+// The door through which 3D tissue enters scenes. heart/ knows no deal.II: where the tissue was built and linked,
+// it registers how its tables are read and its walls are made.
+#pragma once
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <wiggers/core/errors.hpp>
+#include <wiggers/core/settings.hpp>
+#include <wiggers/heart/wall.hpp>
+
+namespace wiggers {
+
+struct Scene;
+struct WallPlan;
+struct PacedCellType;
+
+// A scene, or a verb, that needs the tissue where there is none.
+struct TissueNeeded : InputError {
+  static constexpr const char* reason =
+      "this build has no 3D tissue (it was configured without deal.II, PETSc and gmsh): install libdeal.ii-dev "
+      "and libgmsh-dev and build again, or use kind = \"reduced\"";
+  explicit TissueNeeded(const std::string& place) : InputError(place + ": " + reason) {}
+};
+
+struct TissueKind {
+  // Reads the wall's table into plan.tissue, plan.cavities and plan.fibres.
+  std::function<void(SettingsReader& table, const Scene& scene, WallPlan& plan)> read;
+  std::function<std::unique_ptr<Wall>(const Scene& scene, const WallPlan& plan,
+                                      const std::map<std::string, PacedCellType>& cells)>
+      make;
+};
+
+// Empty functions where no tissue is linked.
+TissueKind& tissue_kind();
+
+}  // namespace wiggers

@@ -1,0 +1,47 @@
+// Work that may fail on one rank alone. All ranks then fail, with the message of the first: nobody is left
+// waiting in the next exchange.
+#pragma once
+
+#include <mpi.h>
+
+#include <exception>
+#include <string>
+#include <wiggers/core/errors.hpp>
+
+namespace wiggers {
+
+template <class Work>
+void collectively(MPI_Comm communicator, Work&& work) {
+  // 0: fine; 1: numerical failure; 2: bad input; 3: anything else.
+  int kind = 0;
+  std::string message;
+  try {
+    work();
+  } catch (const NumericalFailure& error) {
+    kind = 1;
+    message = error.what();
+  } catch (const InputError& error) {
+    kind = 2;
+    message = error.what();
+  } catch (const std::exception& error) {
+    kind = 3;
+    message = error.what();
+  }
+  int rank = 0, n_ranks = 1;
+  MPI_Comm_rank(communicator, &rank);
+  MPI_Comm_size(communicator, &n_ranks);
+  const int mine = kind == 0 ? n_ranks : rank;
+  int first = 0;
+  MPI_Allreduce(&mine, &first, 1, MPI_INT, MPI_MIN, communicator);
+  if (first == n_ranks) return;
+  auto length = static_cast<int>(message.size());
+  MPI_Bcast(&kind, 1, MPI_INT, first, communicator);
+  MPI_Bcast(&length, 1, MPI_INT, first, communicator);
+  message.resize(length);
+  MPI_Bcast(message.data(), length, MPI_CHAR, first, communicator);
+  if (kind == 1) throw NumericalFailure(message);
+  if (kind == 2) throw InputError(message);
+  throw ResourceError(message);
+}
+
+}  // namespace wiggers

@@ -1,0 +1,8 @@
+// Offers the tissue to scenes as one more kind of wall.
+#pragma once
+
+namespace wiggers {
+
+void register_tissue();
+
+}  // namespace wiggers
