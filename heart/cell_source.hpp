@@ -48,6 +48,7 @@ class IonicCellSource final : public CellSource {
                   Pacing pacing, CalciumRescaling rescaling);
 
   void advance(const double& t, const double& dt) override;
+  const std::vector<double>& state() const { return state_; }  // at the grid point reached
   double calcium_uM() const override;
   bool has_potential() const override { return true; }
   double potential_mV() const override { return potential_mV_; }

@@ -20,6 +20,7 @@ using Vector = Eigen::Matrix<double, n_chambers, 1>;
 constexpr int largest_newton_iterations = 60;
 constexpr double pressure_tolerance_mmHg = 1e-9;
 constexpr double volume_tolerance_mL = 1e-9;
+constexpr int most_step_halvings = 4;
 }  // namespace
 
 template <class T>
@@ -60,7 +61,7 @@ void HeartDriverOf<T>::move_to(const Values& values) {
 
 // Volumes at the end of the step that the circulation wants, and their derivatives by the pressures.
 template <class T>
-void HeartDriverOf<T>::wanted_volumes(const T* p, T* volumes, double* slopes) const {
+void HeartDriverOf<T>::wanted_volumes(const T* p, const T& step, T* volumes, double* slopes) const {
   if (!settings_.stabilise_volumes) {
     for (int c = 0; c < n_chambers; ++c) volumes[c] = y_[c];
     std::fill(slopes, slopes + n_chambers * n_chambers, 0.0);
@@ -71,28 +72,36 @@ void HeartDriverOf<T>::wanted_volumes(const T* p, T* volumes, double* slopes) co
   const auto Q = valve_flows<Jet>(plain_, pressure, Jet(value_of(y_[p_AR_SYS])), Jet(value_of(y_[p_AR_PUL])));
   const Jet net[n_chambers] = {value_of(y_[Q_VEN_PUL]) - Q[MV], Q[MV] - Q[AV],
                                value_of(y_[Q_VEN_SYS]) - Q[TV], Q[TV] - Q[PV]};
-  const double dt = value_of(settings_.dt_s);
+  const double dt = value_of(step);
   for (int c = 0; c < n_chambers; ++c)
     for (int k = 0; k < n_chambers; ++k) slopes[n_chambers * c + k] = dt * net[c].derivative[k];
   if constexpr (std::is_same_v<T, double>) {
     for (int c = 0; c < n_chambers; ++c) volumes[c] = y_[c] + dt * net[c].value;
   } else {
     const auto flow = valve_flows<T>(circulation_, p, y_[p_AR_SYS], y_[p_AR_PUL]);
-    volumes[LA] = y_[LA] + settings_.dt_s * (y_[Q_VEN_PUL] - flow[MV]);
-    volumes[LV] = y_[LV] + settings_.dt_s * (flow[MV] - flow[AV]);
-    volumes[RA] = y_[RA] + settings_.dt_s * (y_[Q_VEN_SYS] - flow[TV]);
-    volumes[RV] = y_[RV] + settings_.dt_s * (flow[TV] - flow[PV]);
+    volumes[LA] = y_[LA] + step * (y_[Q_VEN_PUL] - flow[MV]);
+    volumes[LV] = y_[LV] + step * (flow[MV] - flow[AV]);
+    volumes[RA] = y_[RA] + step * (y_[Q_VEN_SYS] - flow[TV]);
+    volumes[RV] = y_[RV] + step * (flow[TV] - flow[PV]);
   }
 }
 
 template <class T>
 void HeartDriverOf<T>::step(const T& t, BeatAudit& audit) {
-  const T dt = settings_.dt_s;
-  for (const auto& wall : walls_) wall->begin_step(t, dt);
+  step_over(t, settings_.dt_s, 0, audit);
+}
 
-  std::array<T, n_chambers> p = p_;
+// Newton on the cavity pressures. Throws NumericalFailure if it does not converge.
+template <class T>
+void HeartDriverOf<T>::balance(const T& t, const T& dt, BeatAudit& audit, std::array<T, n_chambers>& p,
+                               std::array<double, n_chambers>& wall_volumes) {
   std::array<T, n_chambers> volume{}, wanted{};
   bool converged = false;
+  double volume_tolerance = volume_tolerance_mL, pressure_tolerance = pressure_tolerance_mmHg;
+  for (const auto& wall : walls_) {
+    volume_tolerance = std::max(volume_tolerance, wall->volume_tolerance_mL());
+    pressure_tolerance = std::max(pressure_tolerance, wall->volume_tolerance_mL());
+  }
   int iteration = 0;
   double error = 0;
   int worst = 0;
@@ -103,7 +112,7 @@ void HeartDriverOf<T>::step(const T& t, BeatAudit& audit) {
     if (converged) last = true;
     ++iteration;
     Matrix slopes;
-    wanted_volumes(p.data(), wanted.data(), slopes.data());
+    wanted_volumes(p.data(), dt, wanted.data(), slopes.data());
     // Walls carry the pressure across them: the cavity's less that of the bag, which follows the wanted
     // volumes.
     Vector across_slope = Vector::Zero();
@@ -172,19 +181,41 @@ void HeartDriverOf<T>::step(const T& t, BeatAudit& audit) {
       p[c] += dp[c];
       largest_change = std::max(largest_change, std::abs(value_of(dp[c])) / (1 + std::abs(value_of(p[c]))));
     }
-    converged = largest_change < pressure_tolerance_mmHg && error < volume_tolerance_mL;
+    converged = largest_change < pressure_tolerance && error < volume_tolerance;
+    for (const auto& wall : walls_) converged = converged && wall->balanced();
     if (std::is_same_v<T, double> && converged) last = true;
   }
   audit.newton_iterations += iteration;
   audit.most_newton_iterations = std::max(audit.most_newton_iterations, iteration);
   if (!converged) {
-    for (const auto& wall : walls_) wall->reject_step();
     throw NumericalFailure(fmt::format(
         "no balance of wall and blood volumes at t = {:.4f} s of the beat: after {} Newton iterations {} "
         "still misses "
         "{:.3g} mL at {:.3g} mmHg. Try a smaller dt_s (now {} s){}.",
         value_of(t) + value_of(dt), iteration, chamber_names[worst], error, value_of(p[worst]), value_of(dt),
         settings_.stabilise_volumes ? "" : ", or stabilise volumes (solver.stabilise.volumes = true)"));
+  }
+  for (int c = 0; c < n_chambers; ++c) wall_volumes[c] = wall_volume(c);
+}
+
+template <class T>
+void HeartDriverOf<T>::step_over(const T& t, const T& dt, int halvings, BeatAudit& audit) {
+  for (const auto& wall : walls_) wall->begin_step(t, dt);
+  std::array<T, n_chambers> p = p_;
+  std::array<double, n_chambers> wall_volume{};
+  try {
+    balance(t, dt, audit, p, wall_volume);
+  } catch (const NumericalFailure&) {
+    bool may_halve = false;
+    for (const auto& wall : walls_) {
+      wall->reject_step();
+      may_halve = may_halve || wall->may_halve_steps();
+    }
+    if (!may_halve || halvings == most_step_halvings) throw;
+    const T half = 0.5 * dt;
+    step_over(t, half, halvings + 1, audit);
+    step_over(t + half, half, halvings + 1, audit);
+    return;
   }
   for (const auto& wall : walls_) wall->accept_step();
 
@@ -205,7 +236,7 @@ void HeartDriverOf<T>::step(const T& t, BeatAudit& audit) {
   for (int k = 0; k < n_circulation_states; ++k) y_[k] += dt * rates[k];
   for (int c = 0; c < n_chambers; ++c) {
     audit.chamber_work_mmHg_mL -= value_of(p_[c]) * value_of(dt) * value_of(rates[c]);
-    audit.volume_mismatch_mL = std::max(audit.volume_mismatch_mL, std::abs(wall_volume(c) - value_of(y_[c])));
+    audit.volume_mismatch_mL = std::max(audit.volume_mismatch_mL, std::abs(wall_volume[c] - value_of(y_[c])));
   }
   for (int v = 0; v < n_valves; ++v) audit.valve_volume_mL[v] += value_of(dt) * value_of(Q_[v]);
   for (int k = 0; k < n_circulation_states; ++k)
@@ -224,7 +255,9 @@ Table HeartDriverOf<T>::trace() const {
   Table table = circulation_table();
   for (const auto& wall : walls_) {
     const auto cavities = wall->cavities();
-    const std::string name(cavities.size() == 1 ? chamber_names[cavities.front()] : "ventricles");
+    const std::string name(cavities.size() == 1   ? chamber_names[cavities.front()]
+                           : cavities.size() == 2 ? "ventricles"
+                                                  : "heart");
     for (const WallOutput& output : wall->outputs())
       table.add(name + "." + output.name, output.unit, output.meaning);
   }
@@ -267,6 +300,24 @@ BeatAudit HeartDriverOf<T>::beat_rows(const std::function<void(const T&)>& on_ro
   }
   audit.blood_volume_change_mL = value_of(total_volume(circulation_, y_.data())) - volume;
   return audit;
+}
+
+template <class T>
+BeatUnderWay HeartDriverOf<T>::begin_beat() const {
+  BeatUnderWay beat;
+  beat.trace = trace();
+  beat.blood_volume_mL = value_of(total_volume(circulation_, y_.data()));
+  record(beat.trace, 0);
+  return beat;
+}
+
+template <class T>
+bool HeartDriverOf<T>::step_beat(BeatUnderWay& beat) {
+  step(static_cast<double>(beat.steps) * settings_.dt_s, beat.audit);
+  ++beat.steps;
+  record(beat.trace, static_cast<double>(beat.steps) * value_of(settings_.dt_s));
+  beat.audit.blood_volume_change_mL = value_of(total_volume(circulation_, y_.data())) - beat.blood_volume_mL;
+  return beat.steps == n_steps_;
 }
 
 template <class T>

@@ -44,6 +44,14 @@ struct BeatAudit {
   std::array<double, n_valves> valve_volume_mL{};  // net volume through each valve
 };
 
+// A beat under way: may be left after any step, saved, and gone on with.
+struct BeatUnderWay {
+  long steps = 0;
+  BeatAudit audit;
+  double blood_volume_mL = 0;  // at its start
+  Table trace;                 // rows up to the present
+};
+
 // Numbers are plain, or dual to carry sensitivities.
 template <class T>
 class HeartDriverOf {
@@ -73,15 +81,24 @@ class HeartDriverOf {
   // One beat; on_row(t) at the start and after every step.
   BeatAudit beat_rows(const std::function<void(const T&)>& on_row);
 
-  // One step from time t within the beat (for tests).
+  // The same step by step: begin, then step until it says that the beat is done.
+  BeatUnderWay begin_beat() const;
+  bool step_beat(BeatUnderWay& beat);
+
+  // One step from time t within the beat. If Newton fails and a wall allows it, in halves.
   void step(const T& t, BeatAudit& audit);
+
+  const std::vector<std::unique_ptr<WallOf<T>>>& walls() const { return walls_; }
 
   std::vector<T> save() const;
   void restore(const std::vector<T>& saved);
 
  private:
   void record(Table& trace, double t) const;
-  void wanted_volumes(const T* p, T* volumes, double* slopes) const;
+  void wanted_volumes(const T* p, const T& dt, T* volumes, double* slopes) const;
+  void step_over(const T& t, const T& dt, int halvings, BeatAudit& audit);
+  void balance(const T& t, const T& dt, BeatAudit& audit, std::array<T, n_chambers>& p,
+               std::array<double, n_chambers>& wall_volume);
 
   DriverSettingsOf<T> settings_;
   CirculationParametersOf<T> circulation_;

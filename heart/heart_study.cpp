@@ -120,11 +120,10 @@ void HeartStudy::for_each_number(AnyNumbers& n, Visit visit) const {
 
 HeartStudy::HeartStudy(Scene scene) : scene_(std::move(scene)) {
   for (const WallPlan& wall : scene_.walls)
-    if (wall.kind == "triseg")
+    if (wall.kind == "triseg" || wall.kind == "tissue")
       throw InputError(
-          "walls.ventricles: a study has no equations for triseg walls; use reduced or elastance walls for "
-          "LV "
-          "and RV");
+          fmt::format("walls.{}: a study has no equations for {} walls; use reduced or elastance walls",
+                      wall.name, wall.kind));
   for (const auto& [name, cell] : scene_.cells)
     if (cell.ionic && !cell.from_limit_cycle)
       throw InputError(

@@ -292,9 +292,9 @@ MonolithicHeart::MonolithicHeart(const Scene& scene, MonolithicSettings settings
   m.scene = scene;
   m.settings = settings;
   for (const WallPlan& plan : m.scene.walls)
-    if (plan.kind == "triseg")
-      throw InputError(
-          "the monolithic reference has no equations for a triseg wall; use reduced or elastance walls");
+    if (plan.kind == "triseg" || plan.kind == "tissue")
+      throw InputError(fmt::format(
+          "the monolithic reference has no equations for a {} wall; use reduced or elastance walls", plan.kind));
   for (const auto& [name, type] : m.scene.cells) m.calcium.emplace(name, calcium_of(m.scene, type));
   m.state.assign(scene.initial.begin(), scene.initial.end());
   for (const WallPlan& plan : m.scene.walls) {

@@ -12,6 +12,7 @@
 #include <wiggers/heart/elastance_wall.hpp>
 #include <wiggers/heart/run.hpp>
 #include <wiggers/heart/summary.hpp>
+#include <wiggers/heart/tissue_kind.hpp>
 
 namespace wiggers {
 
@@ -131,6 +132,10 @@ void HeartRun::build() {
     } else if (plan.kind == "reduced") {
       walls.push_back(std::make_unique<ReducedWall>(plan.cavities.front(), plan.reduced,
                                                     make_fibre(plan.fibres.front(), plan.name)));
+    } else if (plan.kind == "tissue") {
+      if (!tissue_kind().make) throw TissueNeeded("walls." + plan.name);
+      walls.push_back(tissue_kind().make(scene_, plan, cells_));
+      has_tissue_ = true;
     } else {
       std::array<std::unique_ptr<ActiveFibre>, n_segments> segments;
       for (int i = 0; i < n_segments; ++i)
@@ -195,6 +200,25 @@ void HeartRun::resume(const std::filesystem::path& path) {
   volume_drift_ = run.at(1);
   cost_.cells_s = run.at(2);
   cost_.heart_s = run.at(3);
+  if (file.has("/checkpoint/beat_under_way")) {
+    const std::vector<double> saved = file.dataset("/checkpoint/beat_under_way");
+    std::span<const double> in = saved;
+    beat_ = std::make_unique<BeatUnderWay>();
+    beat_->trace = driver_->trace();
+    beat_->steps = static_cast<long>(take_saved(in));
+    beat_->blood_volume_mL = take_saved(in);
+    BeatAudit& a = beat_->audit;
+    a.chamber_work_mmHg_mL = take_saved(in);
+    a.dissipated_mmHg_mL = take_saved(in);
+    a.volume_mismatch_mL = take_saved(in);
+    a.newton_iterations = static_cast<long>(take_saved(in));
+    a.most_newton_iterations = static_cast<int>(take_saved(in));
+    for (double& volume : a.valve_volume_mL) volume = take_saved(in);
+    for (double& value : beat_start_) value = take_saved(in);
+    for (Column& column : beat_->trace.columns)
+      for (long row = 0; row <= beat_->steps; ++row) column.values.push_back(take_saved(in));
+    saved_on_the_way_ = true;
+  }
   if (cost_.beats > 0) {
     trace_.clear_rows();
     for (Column& column : trace_.columns) column.values = file.dataset(place_of(column.name));
@@ -209,6 +233,24 @@ void HeartRun::resume(const std::filesystem::path& path) {
   }
 }
 
+void HeartRun::checkpoint(const std::filesystem::path& path) {
+  const std::vector<double> state = driver_->save();
+  write(path, state);
+  // What goes on is what a resumed run would go on with, bit for bit: also without the warm starts.
+  driver_->restore(state);
+}
+
+void HeartRun::open_fields(const std::filesystem::path& result, bool resumed) {
+  std::string base = result.string();
+  if (base.ends_with(".h5")) base.resize(base.size() - 3);
+  for (const auto& wall : driver_->walls()) wall->open_fields(base, resumed ? time_s() : -1);
+}
+
+double HeartRun::time_s() const {
+  return (cost_.beats + (beat_ ? static_cast<double>(beat_->steps) / static_cast<double>(driver_->steps_per_beat()) : 0)) *
+         scene_.period_s;
+}
+
 void HeartRun::advance(Progress::Style style, const std::optional<std::filesystem::path>& result) {
   const double heart_before = cost_.heart_s;
   const auto begin = Clock::now();
@@ -217,31 +259,77 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
   const auto finished = [&] {
     return scene_.until_limit_cycle ? !search_->running() : cost_.beats >= scene_.beats;
   };
+  const auto stop_if_asked = [&](double beats_done) {
+    // Several ranks stop together, or not at all.
+    bool stop = tissue_kind().any_rank(interrupt_requested());
+    try {
+      progress.update(scene_.until_limit_cycle ? -1.0 : beats_done / scene_.beats,
+                      fmt::format("beat {}, distance {:.1e}", cost_.beats + (beat_ ? 1 : 0), certificate_.distance));
+    } catch (const Interrupted&) {
+      stop = stop || !has_tissue_;
+    }
+    if (stop) {
+      if (!result) throw Interrupted("stopped on request; no -o was given, nothing was saved");
+      cost_.heart_s = heart_before + seconds_since(begin);
+      write(*result, driver_->save());
+      throw Interrupted(fmt::format("stopped on request after {:.3f} s; continue with --resume {}", time_s(),
+                                    result->string()));
+    }
+  };
+  // Beats of 3D tissue are long: they are saved on the way, at moments of the model's time, so that a run that
+  // was resumed repeats one that was not.
+  const long steps_per_checkpoint =
+      has_tissue_ ? std::max(1L, std::lround(scene_.checkpoint_every_ms * units::s_per_ms / scene_.dt_s)) : 0;
+  if (result && has_tissue_) open_fields(*result, beat_ != nullptr || cost_.beats > 0);
   std::vector<double> good = driver_->save();
   while (!finished()) {
-    try {
-      progress.update(scene_.until_limit_cycle ? -1.0 : static_cast<double>(cost_.beats) / scene_.beats,
-                      fmt::format("beat {}, distance {:.1e}", cost_.beats, certificate_.distance));
-    } catch (const Interrupted&) {
-      if (!result) throw Interrupted("stopped on request; no -o was given, nothing was saved");
-      write(*result);
-      throw Interrupted(fmt::format("stopped on request after {} beats; continue with --resume {}",
-                                    cost_.beats, result->string()));
+    stop_if_asked(cost_.beats);
+    if (!beat_) {
+      beat_ = std::make_unique<BeatUnderWay>(driver_->begin_beat());
+      beat_start_ = driver_->values();
     }
-    const CirculationValues start = driver_->values();
-    Table trace = driver_->trace();
+    const CirculationValues start = beat_start_;
     std::vector<double> proposal;
+    Table trace;
     try {
-      const BeatAudit audit = driver_->beat(&trace);
-      audit_ = audit;
+      for (bool done = false; !done;) {
+        if (has_tissue_) {
+          for (const auto& wall : driver_->walls())
+            wall->write_fields(time_s(), static_cast<double>(beat_->steps) * scene_.dt_s);
+          stop_if_asked(time_s() / scene_.period_s);
+        }
+        done = driver_->step_beat(*beat_);
+        if (steps_per_checkpoint > 0 && !done && beat_->steps % steps_per_checkpoint == 0) {
+          cost_.heart_s = heart_before + seconds_since(begin);
+          if (result) {
+            checkpoint(*result);
+            saved_on_the_way_ = true;
+          } else {
+            driver_->restore(driver_->save());
+          }
+        }
+      }
+      audit_ = beat_->audit;
+      trace = std::move(beat_->trace);
+      beat_.reset();
     } catch (const NumericalFailure& failure) {
-      // Keep the last good state; an extrapolated start that failed is given up for a plain one.
+      const double where = time_s();
+      // Keep the last good state; an extrapolated start that failed is given up for a plain one. A beat that was
+      // saved on the way is left as it was saved.
+      if (has_tissue_) {
+        throw NumericalFailure(fmt::format(
+            "at {:.4f} s (beat {}): {}{}", where, cost_.beats + 1, failure.what(),
+            result && (saved_on_the_way_ || cost_.beats > 0)
+                ? fmt::format(" The last good state is in {}.", result->string())
+                : std::string()));
+      }
+      beat_.reset();
       driver_->restore(good);
       bool recovered = false;
       proposal = search_->after_failure(recovered);
       if (!recovered) {
         cost_.heart_s = heart_before + seconds_since(begin);
-        if (result) write(*result);
+        if (result) write(*result, driver_->save());
         throw NumericalFailure(fmt::format(
             "beat {}: {}{}", cost_.beats + 1, failure.what(),
             result ? fmt::format(" The last good state is in {}.", result->string()) : std::string()));
@@ -261,10 +349,15 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
       hold_total_volume(scene_.circulation, next.data(), initial_volume_);
       driver_->move_to(next);
     }
-    good = driver_->save();
+    if (!has_tissue_) good = driver_->save();
     cost_.heart_s = heart_before + seconds_since(begin);
+    if (has_tissue_) {
+      if (result && !finished()) checkpoint(*result);
+      if (!result) driver_->restore(driver_->save());
+      continue;
+    }
     if (result && !finished() && seconds_since(last_checkpoint) >= scene_.checkpoint_every_s) {
-      write(*result);
+      write(*result, driver_->save());
       last_checkpoint = Clock::now();
     }
   }
@@ -273,14 +366,32 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
                                ? LimitCycleVerdict::period_1
                                : LimitCycleVerdict::not_converged;
   complete_ = true;
-  if (result) write(*result);
+  cost_.heart_s = heart_before + seconds_since(begin);
+  if (has_tissue_) {
+    for (const auto& wall : driver_->walls()) wall->write_fields(time_s(), scene_.period_s);
+    collect_wall_figures();
+  }
+  if (result) write(*result, driver_->save());
   progress.finish(fmt::format("{} beats, limit cycle: {}, distance {:.1e}", cost_.beats,
                               to_string(certificate_.verdict), certificate_.distance));
 }
 
 BeatIndexes HeartRun::indexes() const { return compute_indexes(trace_, atrial_stimulus_s(scene_)); }
 
-void HeartRun::write(const std::filesystem::path& path) const {
+void HeartRun::collect_wall_figures() {
+  for (std::size_t w = 0; w < scene_.walls.size(); ++w) {
+    std::map<std::string, WallFigure> figures;
+    driver_->walls()[w]->report(figures);
+    if (!figures.empty()) wall_figures_[scene_.walls[w].name] = std::move(figures);
+  }
+}
+
+void HeartRun::write(const std::filesystem::path& path, const std::vector<double>& driver_state) const {
+  // One rank writes; if it fails, all know.
+  tissue_kind().on_first_rank([&] { write_file(path, driver_state); });
+}
+
+void HeartRun::write_file(const std::filesystem::path& path, const std::vector<double>& driver_state) const {
   ResultWriter file;
   file.text("/provenance/status", complete_ ? "complete" : "incomplete");
   file.text("/provenance/scene", scene_.text);
@@ -323,7 +434,22 @@ void HeartRun::write(const std::filesystem::path& path) const {
         "mixed",
         "verdict, distance, residual, multiplier, beats, calcium range, charge drift, peak potential");
   }
-  file.dataset("/checkpoint/driver", driver_->save(), "mixed", "circulation, pressures, flows, walls");
+  file.dataset("/checkpoint/driver", driver_state, "mixed", "circulation, pressures, flows, walls");
+  if (beat_) {
+    const BeatAudit& a = beat_->audit;
+    std::vector<double> under_way = {static_cast<double>(beat_->steps), beat_->blood_volume_mL,
+                                     a.chamber_work_mmHg_mL, a.dissipated_mmHg_mL, a.volume_mismatch_mL,
+                                     static_cast<double>(a.newton_iterations),
+                                     static_cast<double>(a.most_newton_iterations)};
+    under_way.insert(under_way.end(), a.valve_volume_mL.begin(), a.valve_volume_mL.end());
+    under_way.insert(under_way.end(), beat_start_.begin(), beat_start_.end());
+    for (const Column& column : beat_->trace.columns)
+      under_way.insert(under_way.end(), column.values.begin(), column.values.end());
+    file.dataset("/checkpoint/beat_under_way", under_way, "mixed", "step, audit, start and rows of a beat not yet done");
+  }
+  for (const auto& [wall, figures] : wall_figures_)
+    for (const auto& [name, figure] : figures)
+      file.scalar("/solver/walls/" + wall + "/" + name, figure.value, figure.unit, figure.meaning);
   file.dataset("/checkpoint/search", search_->save(), "mixed", "memory of the limit-cycle search");
   file.dataset("/checkpoint/run",
                {static_cast<double>(cost_.beats), volume_drift_, cost_.cells_s, cost_.heart_s}, "mixed",

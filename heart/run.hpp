@@ -52,6 +52,8 @@ class HeartRun {
   const BeatAudit& audit() const { return audit_; }
   const LimitCycleCertificate& certificate() const { return certificate_; }
   const RunCost& cost() const { return cost_; }
+  // What walls report of their work, by wall and name.
+  const std::map<std::string, std::map<std::string, WallFigure>>& wall_figures() const { return wall_figures_; }
   double blood_volume_drift_mL() const { return volume_drift_; }
   bool complete() const { return complete_; }
   // Present once at least one beat has been run.
@@ -60,7 +62,12 @@ class HeartRun {
  private:
   void build();
   ActiveFibre make_fibre(const FibrePlan& plan, const std::string& place) const;
-  void write(const std::filesystem::path& path) const;
+  void write(const std::filesystem::path& path, const std::vector<double>& driver_state) const;
+  void write_file(const std::filesystem::path& path, const std::vector<double>& driver_state) const;
+  void checkpoint(const std::filesystem::path& path);
+  void open_fields(const std::filesystem::path& result, bool resumed);
+  void collect_wall_figures();
+  double time_s() const;  // of the model, since the run's first beat
 
   Scene scene_;
   std::map<std::string, PacedCellType> cells_;
@@ -73,6 +80,10 @@ class HeartRun {
   double initial_volume_ = 0;
   double volume_drift_ = 0;
   bool complete_ = false;
+  bool has_tissue_ = false, saved_on_the_way_ = false;
+  std::unique_ptr<BeatUnderWay> beat_;  // null between beats
+  CirculationValues beat_start_{};
+  std::map<std::string, std::map<std::string, WallFigure>> wall_figures_;
 };
 
 }  // namespace wiggers

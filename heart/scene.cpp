@@ -7,6 +7,7 @@
 #include <wiggers/heart/indexes.hpp>
 #include <wiggers/heart/scene.hpp>
 #include <wiggers/heart/scene_keys.hpp>
+#include <wiggers/heart/tissue_kind.hpp>
 
 namespace wiggers {
 
@@ -116,18 +117,35 @@ UsykLaw read_usyk(SettingsReader& table) {
 
 std::string read_kind(SettingsReader& table, std::string_view default_kind,
                       const std::vector<std::string>& kinds) {
-  if (table.is_text("kind") && table.text("kind", "") == "tissue")
-    throw InputError(
-        fmt::format("{}: this build has no 3D tissue; use kind = \"reduced\"", table.place("kind")));
-  return table.choice("kind", default_kind, kinds, "kind of wall");
+  const std::string kind = table.choice("kind", default_kind, kinds, "kind of wall");
+  if (kind == "tissue" && !tissue_kind().read) throw TissueNeeded(table.place("kind"));
+  return kind;
 }
 
-WallPlan read_wall(SettingsReader& table, int chamber, double period_s,
-                   const std::map<std::string, CellType>& cells) {
+// A wall of 3D tissue: its cells here, all else by the tissue itself.
+void read_tissue_wall(SettingsReader& table, const Scene& scene, WallPlan& wall) {
+  if (table.is_table("cells")) {
+    // Different cells in ventricles and atria.
+    SettingsReader& cells = table.table("cells");
+    wall.fibres = {read_fibre(cells.table("ventricles"), scene.period_s, scene.cells),
+                   read_fibre(cells.table("atria"), scene.period_s, scene.cells)};
+  } else {
+    wall.fibres = {read_fibre(table, scene.period_s, scene.cells)};
+  }
+  tissue_kind().read(table, scene, wall);
+}
+
+WallPlan read_wall(SettingsReader& table, int chamber, const Scene& scene) {
+  const double period_s = scene.period_s;
+  const std::map<std::string, CellType>& cells = scene.cells;
   WallPlan wall;
   wall.name = chamber_names[chamber];
   wall.cavities = {chamber};
-  wall.kind = read_kind(table, "elastance", {"elastance", "reduced"});
+  wall.kind = read_kind(table, "elastance", {"elastance", "reduced", "tissue"});
+  if (wall.kind == "tissue") {
+    read_tissue_wall(table, scene, wall);
+    return wall;
+  }
   if (wall.kind == "elastance") {
     const auto sets = circulation_set_names(true);
     const std::string set =
@@ -150,12 +168,17 @@ WallPlan read_wall(SettingsReader& table, int chamber, double period_s,
 }
 
 // Both ventricles as one wall: [walls.ventricles] with a table for each segment.
-WallPlan read_ventricles(SettingsReader& table, double period_s,
-                         const std::map<std::string, CellType>& cells) {
+WallPlan read_ventricles(SettingsReader& table, const Scene& scene) {
+  const double period_s = scene.period_s;
+  const std::map<std::string, CellType>& cells = scene.cells;
   WallPlan wall;
   wall.name = "ventricles";
   wall.cavities = {LV, RV};
-  wall.kind = read_kind(table, "triseg", {"triseg"});
+  wall.kind = read_kind(table, "triseg", {"triseg", "tissue"});
+  if (wall.kind == "tissue") {
+    read_tissue_wall(table, scene, wall);
+    return wall;
+  }
   wall.triseg.n_f = table.number(scene_keys::n_f);
   wall.triseg.n_n = table.number(scene_keys::n_n);
   TriSegShape shape;
@@ -172,6 +195,16 @@ WallPlan read_ventricles(SettingsReader& table, double period_s,
     cap.reference_area_cm2 = segment.number(scene_keys::reference_area, cap.reference_area_cm2);
     wall.triseg.passive[i] = read_usyk(segment);
   }
+  return wall;
+}
+
+// All four chambers as one body: [walls.heart].
+WallPlan read_heart(SettingsReader& table, const Scene& scene) {
+  WallPlan wall;
+  wall.name = "heart";
+  wall.cavities = {LA, LV, RA, RV};
+  wall.kind = read_kind(table, "tissue", {"tissue"});
+  read_tissue_wall(table, scene, wall);
   return wall;
 }
 
@@ -238,9 +271,11 @@ std::shared_ptr<SettingsTable> with_base(std::shared_ptr<SettingsTable> table,
   return base;
 }
 
-Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
+Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
+                const std::filesystem::path& folder) {
   SettingsReader reader(table, name);
   Scene scene;
+  scene.folder = folder;
   scene.title = reader.text("title", name);
   SettingsReader& heart = reader.table("heart");
   scene.period_s = heart.number(period_quantity);
@@ -258,6 +293,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
   SettingsReader& walls = reader.table("walls");
   std::vector<std::string> known = as_strings(chamber_names);
   known.emplace_back("ventricles");
+  known.emplace_back("heart");
   for (const std::string& key : walls.keys())
     if (std::find(known.begin(), known.end(), key) == known.end()) {
       try {
@@ -266,15 +302,21 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
         throw InputError(fmt::format("{}: {}", walls.place(key), error.what()));
       }
     }
-  const bool joined = walls.has("ventricles");
-  for (int c = 0; c < n_chambers; ++c) {
+  const bool joined = walls.has("ventricles"), whole = walls.has("heart");
+  if (whole) {
+    for (const std::string& key : walls.keys())
+      if (key != "heart")
+        throw InputError(fmt::format("{}: walls.heart encloses this cavity already; name one of them", walls.place(key)));
+    scene.walls.push_back(read_heart(walls.table("heart"), scene));
+  }
+  for (int c = 0; c < n_chambers && !whole; ++c) {
     const bool ventricle = c == LV || c == RV;
     if (joined && ventricle) {
       if (walls.has(chamber_names[c]))
         throw InputError(fmt::format("{}: walls.ventricles encloses this cavity already; name one of them",
                                      walls.place(chamber_names[c])));
       if (c == LV)
-        scene.walls.push_back(read_ventricles(walls.table("ventricles"), scene.period_s, scene.cells));
+        scene.walls.push_back(read_ventricles(walls.table("ventricles"), scene));
       continue;
     }
     if (!walls.has(chamber_names[c]))
@@ -282,7 +324,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
           fmt::format("{} is missing: the closed loop needs a wall for each of LA, LV, RA and RV; the "
                       "cheapest is kind = \"elastance\"",
                       walls.place(chamber_names[c])));
-    scene.walls.push_back(read_wall(walls.table(chamber_names[c]), c, scene.period_s, scene.cells));
+    scene.walls.push_back(read_wall(walls.table(chamber_names[c]), c, scene));
   }
   // Cells that no wall uses are not built.
   std::erase_if(scene.cells, [&](const auto& entry) {
@@ -362,6 +404,11 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
                                  ? LimitCycleMethod::pacing
                                  : LimitCycleMethod::anderson;
   scene.checkpoint_every_s = run.number(scene_keys::checkpoint);
+  for (const WallPlan& wall : scene.walls)
+    if (wall.kind == "tissue") {
+      scene.checkpoint_every_ms = run.number(scene_keys::checkpoint_ms);
+      break;
+    }
   reader.finish();
   const double substep_s = scene.regulatory_substep_us * 1e-6;
   for (WallPlan& wall : scene.walls)
@@ -381,14 +428,14 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name) {
 Scene read_scene(const std::filesystem::path& path, const std::vector<std::string>& overrides) {
   auto table = with_base(parse_settings_file(path), path, 0);
   apply(*table, overrides);
-  return interpret(table, path.filename().string());
+  return interpret(table, path.filename().string(), path.parent_path());
 }
 
 Scene read_scene_text(const std::string& text, const std::string& name,
                       const std::vector<std::string>& overrides) {
   auto table = parse_settings_text(text, name);
   apply(*table, overrides);
-  return interpret(table, name);
+  return interpret(table, name, {});
 }
 
 double atrial_stimulus_s(const Scene& scene) {
@@ -396,7 +443,7 @@ double atrial_stimulus_s(const Scene& scene) {
   for (int chamber : {RA, LA})
     for (const WallPlan& wall : scene.walls) {
       if (wall.cavities.front() != chamber) continue;
-      if (wall.kind == "reduced") return wall.fibres.front().activation_ms * units::s_per_ms;
+      if (wall.kind != "elastance") return wall.fibres.front().activation_ms * units::s_per_ms;
       if (wall.elastance.EA > 0) return wrapped(wall.elastance.tC, scene.period_s);
     }
   return 0;

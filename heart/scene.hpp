@@ -7,6 +7,7 @@
 
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -44,15 +45,17 @@ struct FibrePlan {
 struct WallPlan {
   std::string name;           // as in the scene: LA, ..., or ventricles
   std::vector<int> cavities;  // chambers it encloses
-  std::string kind;           // elastance | reduced | triseg
+  std::string kind;           // elastance | reduced | triseg | tissue
   ElastanceParameters elastance;
   ReducedWallParameters reduced;
   TriSegParameters triseg;
   std::vector<FibrePlan> fibres;  // none, one, or the three segments
+  std::shared_ptr<const void> tissue;  // what the tissue read of its table
 };
 
 struct Scene {
   std::string title;
+  std::filesystem::path folder;  // of the scene file
   std::string text;  // the scene with all defaults filled in
   double period_s = 0.8;
   double body_surface_area_m2 = 1.9;
@@ -74,6 +77,7 @@ struct Scene {
   int beats = 0;
   LimitCycleSettings limit_cycle;
   double checkpoint_every_s = 1;
+  double checkpoint_every_ms = 50;  // of the model's time, with 3D tissue
   std::vector<std::string> warnings;
 };
 

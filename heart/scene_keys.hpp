@@ -66,6 +66,8 @@ inline constexpr Quantity distance{
     1e-10,      1e-1, "scaled distance to the limit cycle at which to stop (100 mL, 10 mmHg, 100 mL/s)"};
 inline constexpr Quantity max_beats{"max_beats", "1", 300,
                                     3,           1e6, "give up on the limit cycle after so many beats"};
+inline constexpr Quantity checkpoint_ms{
+    "checkpoint_every_ms", "ms", 50, 1, 1e6, "model time between checkpoints of a run with 3D tissue"};
 inline constexpr Quantity checkpoint{
     "checkpoint_every_s", "s", 1, 0, 1e6, "wall time between checkpoints of a run"};
 

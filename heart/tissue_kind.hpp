@@ -30,9 +30,13 @@ struct TissueKind {
   std::function<std::unique_ptr<Wall>(const Scene& scene, const WallPlan& plan,
                                       const std::map<std::string, PacedCellType>& cells)>
       make;
+  // Under MPI: does the work on the first rank; what it throws is thrown on all.
+  std::function<void(const std::function<void()>& work)> on_first_rank = [](const auto& work) { work(); };
+  // Under MPI: whether it is so on any rank.
+  std::function<bool(bool)> any_rank = [](bool value) { return value; };
 };
 
-// Empty functions where no tissue is linked.
+// `read` and `make` are empty where no tissue is linked.
 TissueKind& tissue_kind();
 
 }  // namespace wiggers

@@ -10,6 +10,7 @@
 // save() and restore() carry everything the future depends on. Volumes mL, pressures mmHg, times s.
 #pragma once
 
+#include <map>
 #include <span>
 #include <string>
 #include <string_view>
@@ -23,6 +24,12 @@ struct WallOutput {
   std::string name;  // without the wall's name, e.g. "active_tension"
   std::string unit;
   std::string meaning;
+};
+
+// A number that a wall reports of its work: costs, sizes, extremes.
+struct WallFigure {
+  double value = 0;
+  std::string unit, meaning;
 };
 
 // Numbers are plain, or dual to carry sensitivities.
@@ -44,6 +51,12 @@ class WallOf {
   virtual void accept_step() = 0;
   virtual void reject_step() = 0;
 
+  // For walls with many unknowns of their own. Whether those were balanced at the last linearise(); the largest
+  // mismatch of volumes that Newton may leave; whether a step that failed may be tried again in halves.
+  virtual bool balanced() const { return true; }
+  virtual double volume_tolerance_mL() const { return 0; }
+  virtual bool may_halve_steps() const { return false; }
+
   // Moves the wall to other volumes between two beats (limit-cycle acceleration), rates kept.
   virtual void move_to(const T* volumes) = 0;
 
@@ -52,6 +65,13 @@ class WallOf {
 
   virtual std::vector<WallOutput> outputs() const { return {}; }
   virtual void output_values(double* values) const { (void)values; }
+
+  // Fields in space, for walls that have them: opened beside the result (resumed from a time, or anew with a
+  // negative one), written when their time has come.
+  virtual void open_fields(const std::string& folder, double resume_at_s) { (void)folder, (void)resume_at_s; }
+  virtual void write_fields(double time_s, double time_in_beat_s) { (void)time_s, (void)time_in_beat_s; }
+  // What the wall did and what it cost, by name.
+  virtual void report(std::map<std::string, WallFigure>& figures) const { (void)figures; }
 };
 using Wall = WallOf<double>;
 

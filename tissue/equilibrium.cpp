@@ -55,7 +55,7 @@ struct Newton {
     std::vector<double> right, step;
     Balance balance = mechanics.assemble(pressures, false);
     for (iterations = 0; iterations < settings.max_newton; ++iterations) {
-      check_interrupt();
+      if (mechanics.partition().any(interrupt_requested())) throw Interrupted("stopped on request");
       if (!balance.finite || !(balance.smallest_J > 0)) {
         failure = fmt::format("an element is turned inside out: J = {:.3g} in {}", balance.smallest_J,
                               mechanics.place_of_cell(balance.worst_cell));

@@ -151,7 +151,7 @@ struct Monodomain::Implementation {
     const auto begin = Clock::now();
     collectively(partition.communicator(), [&] {
       for (Region& region : regions) {
-        if (region.nodes.empty()) continue;
+        if (region.nodes.empty() || source) continue;
         for (std::size_t k = 0; k < region.nodes.size(); ++k) region.potential[k] = guess[region.nodes[k]];
         region.cells->step_under(region.potential, tau, first, region.rate);
         for (std::size_t k = 0; k < region.nodes.size(); ++k) f[region.nodes[k]] += region.rate[k];

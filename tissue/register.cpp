@@ -1,8 +1,30 @@
 #include <wiggers/heart/tissue_kind.hpp>
+#include <wiggers/tissue/collective.hpp>
+#include <wiggers/tissue/plan.hpp>
 #include <wiggers/tissue/register.hpp>
+#include <wiggers/tissue/tissue_wall.hpp>
 
 namespace wiggers {
 
-void register_tissue() {}
+void register_tissue() {
+  TissueKind& kind = tissue_kind();
+  kind.read = read_tissue;
+  kind.make = [](const Scene& scene, const WallPlan& plan,
+                 const std::map<std::string, PacedCellType>& cells) -> std::unique_ptr<Wall> {
+    return std::make_unique<TissueWall>(scene, plan, cells, MPI_COMM_WORLD);
+  };
+  kind.on_first_rank = [](const std::function<void()>& work) {
+    collectively(MPI_COMM_WORLD, [&] {
+      int rank = 0;
+      MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+      if (rank == 0) work();
+    });
+  };
+  kind.any_rank = [](bool value) {
+    int mine = value, any = 0;
+    MPI_Allreduce(&mine, &any, 1, MPI_INT, MPI_MAX, MPI_COMM_WORLD);
+    return any != 0;
+  };
+}
 
 }  // namespace wiggers

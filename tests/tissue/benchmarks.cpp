@@ -1,0 +1,95 @@
+// Published problems on meshes small enough for every day; the long ones are of the nightly set. Numbers and their
+// sources: tissue_benchmarks.md.
+#include <catch2/catch.hpp>
+#include <wiggers/tissue/benchmarks.hpp>
+
+using namespace wiggers::benchmarks;
+
+namespace {
+
+// Probes in the order in which the front must reach them: along the fibres first.
+void check_order(const SlabResult& r) {
+  for (double t : r.activation_ms) {
+    CHECK(t > 0);
+    CHECK(t < 130);
+  }
+  const auto& [p1, p2, p3, p4, p5, p6, p7, p8, p9] = r.activation_ms;
+  CHECK(p1 < 2);
+  CHECK(p1 < p3);
+  CHECK(p3 < p9);
+  CHECK(p9 < p2);
+  CHECK(p2 < p6);
+  CHECK(p5 < p6);
+  CHECK(p4 < p8);
+  CHECK(p7 < p8);
+}
+
+}  // namespace
+
+TEST_CASE("slab: a coarse quadratic mesh activates all probes in order") {
+  SlabSettings settings;
+  settings.dx_mm = 1;
+  settings.end_ms = 130;
+  check_order(slab(settings, MPI_COMM_SELF));
+}
+
+TEST_CASE("slab: the far corner at half a millimetre", "[.nightly]") {
+  SlabSettings settings;
+  const SlabResult half = slab(settings, MPI_COMM_SELF);
+  check_order(half);
+  CHECK(half.activation_ms[7] == Approx(42.8).epsilon(0.1));
+  settings.table_spacing_mV = 0;
+  const SlabResult without = slab(settings, MPI_COMM_SELF);
+  for (int k = 0; k < SlabResult::n_probes; ++k)
+    CHECK(without.activation_ms[k] == Approx(half.activation_ms[k]).epsilon(2e-3));
+}
+
+TEST_CASE("beam: quadratic tetrahedra give the values of an independent code") {
+  BeamSettings settings;
+  settings.quadrature_degree = 5;
+  const BeamResult stiff = beam(settings, MPI_COMM_SELF);
+  CHECK(stiff.n_tetrahedra == 480);
+  CHECK(stiff.tip_mm[2] == Approx(4.0428).epsilon(5e-3));
+  settings.bulk_kPa = 50;
+  const BeamResult soft = beam(settings, MPI_COMM_SELF);
+  CHECK(soft.tip_mm[2] == Approx(4.1361).epsilon(5e-3));  // the same mesh
+  CHECK(soft.tip_mm[2] == Approx(4.194).epsilon(1.4e-2));  // converged
+  for (const BeamResult& r : {stiff, soft}) {
+    // The tetrahedra have no plane of symmetry y = 0.5; the beam has.
+    CHECK(r.tip_mm[1] == Approx(0.5).margin(0.02));
+    CHECK(r.tip_mm[0] == Approx(9.1765).margin(0.1));
+    CHECK(r.centre_mm[2] == Approx(3.716).epsilon(0.04));
+    CHECK(r.report.smallest_J > 0.9);
+  }
+}
+
+TEST_CASE("beam: linear tetrahedra lock and mean dilatation frees quadratic ones") {
+  BeamSettings settings;
+  settings.bulk_kPa = 50;
+  settings.order = 1;
+  const double linear = beam(settings, MPI_COMM_SELF).tip_mm[2];
+  CHECK(linear < 3.1);
+  settings.order = 2;
+  settings.bulk_kPa = 1e3;
+  settings.quadrature_degree = 5;
+  const double plain = beam(settings, MPI_COMM_SELF).tip_mm[2];
+  settings.mean_dilatation = true;
+  const double mean = beam(settings, MPI_COMM_SELF).tip_mm[2];
+  CHECK(plain < mean);
+  CHECK(std::abs(mean / 4.171 - 1) < std::abs(plain / 4.171 - 1));
+  CHECK(mean == Approx(4.171).epsilon(2e-2));
+}
+
+TEST_CASE("beam: four bricks across the thickness", "[.nightly]") {
+  BeamSettings settings;
+  settings.bricks = {40, 4, 4};
+  settings.quadrature_degree = 5;
+  settings.bulk_kPa = 50;
+  const double soft = beam(settings, MPI_COMM_SELF).tip_mm[2];
+  CHECK(soft == Approx(4.1749).epsilon(2e-3));
+  CHECK(soft == Approx(4.194).epsilon(1.5e-2));
+  settings.bulk_kPa = 1e3;
+  const double stiff = beam(settings, MPI_COMM_SELF).tip_mm[2];
+  CHECK(stiff == Approx(4.1294).epsilon(2e-3));
+  CHECK(stiff == Approx(4.171).epsilon(1.5e-2));
+}

@@ -1,0 +1,56 @@
+// Active force in the tissue: RDQ20 at every vertex of the myocardium, in SIMD batches.
+//
+// Per step of mechanics: calcium at its end, stretch at its start and the stretch's rate go in; tension and
+// stiffness come out, both times a_XB, which varies smoothly between the ventricles:
+//   a_XB(x) = a_XB (xi + share (1 - xi)),  xi the normalised interventricular coordinate (1 left, 0 right).
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+#include <wiggers/cellmodels/calcium.hpp>
+#include <wiggers/heart/active_fibre.hpp>
+#include <wiggers/tissue/fibres.hpp>
+#include <wiggers/tissue/partition.hpp>
+
+namespace wiggers {
+
+struct ForceRegion {
+  std::vector<int> tags;
+  std::vector<double> parameters;  // RDQ20's
+  double rest_calcium_uM = 0;      // whose steady tension is removed
+  double right_share = 1;          // a_XB of the right ventricle over that of the left
+};
+
+class Activation {
+ public:
+  // Collective.
+  Activation(const Partition& partition, const FibreField* fibres, std::vector<ForceRegion> regions,
+             RateScheme rate, bool stabilise, bool subtract_rest_tension);
+  ~Activation();
+
+  const NodeSpace& nodes() const;  // vertices of the myocardium
+
+  // Advances over dt (s). Per local node: calcium (uM) at the step's end, stretch at its start and one step
+  // (dt_before) earlier. Collective.
+  void begin_step(double dt_s, std::span<const double> calcium_uM, std::span<const double> stretch,
+                  std::span<const double> stretch_before, double dt_before_s);
+  // The step is done; with the implicit rate the bridges move again with the rate it had.
+  void accept(std::span<const double> stretch);
+  void reject();
+
+  // Pa, of local nodes.
+  const std::vector<double>& tension() const;
+  const std::vector<double>& stiffness() const;
+  // Tension at the end of the last accepted step, the stabilising term included.
+  const std::vector<double>& accepted_tension() const;
+
+  void save(std::vector<double>& out) const;  // collective, partition-independent
+  void restore(std::span<const double>& in);
+
+ private:
+  struct Implementation;
+  std::unique_ptr<Implementation> me_;
+};
+
+}  // namespace wiggers

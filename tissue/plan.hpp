@@ -1,0 +1,91 @@
+// What a scene says of a wall of 3D tissue, and how it is read.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+#include <wiggers/heart/scene.hpp>
+#include <wiggers/tissue/mechanics.hpp>
+#include <wiggers/tissue/monodomain.hpp>
+
+namespace wiggers {
+
+namespace tissue_keys {
+inline constexpr Quantity size{"size_mm", "mm", 4, 0.3, 20, "edge length of the tetrahedra of a made mesh"};
+inline constexpr Quantity order{"order", "1", 1, 1, 2, "polynomial order of the finite elements"};
+inline constexpr Quantity ep_order{"order", "1", 2, 1, 2, "polynomial order of the potential"};
+inline constexpr Quantity tau{"tau_ms", "ms", 0.05, 1e-3, 0.5, "step of electrophysiology"};
+inline constexpr Quantity ep_tolerance{
+    "relative_tolerance", "1", 1e-6, 1e-12, 1e-2, "linear solver of the potential: residual over right-hand side"};
+inline constexpr Quantity table_spacing{
+    "table_spacing_mV", "mV", 0.1, 0, 1, "tables of the ionic models' functions of potential; 0: none"};
+inline constexpr Quantity fast_thickness{
+    "fast_layer", "1", 0.05, 0, 1, "thickness of the fast endocardial layer, share of the wall; 0: none"};
+inline constexpr Quantity sigma_f{"fibre_mm2_per_ms", "mm^2/ms", 0.2, 0, 100, "conductivity along the fibre over chi C_m"};
+inline constexpr Quantity sigma_s{"sheet_mm2_per_ms", "mm^2/ms", 0.11, 0, 100, "conductivity along the sheet over chi C_m"};
+inline constexpr Quantity sigma_n{"normal_mm2_per_ms", "mm^2/ms", 0.055, 0, 100, "conductivity along the normal over chi C_m"};
+inline constexpr Quantity x{"x_mm", "mm", 0, -1e3, 1e3, "place"};
+inline constexpr Quantity y{"y_mm", "mm", 0, -1e3, 1e3, "place"};
+inline constexpr Quantity z{"z_mm", "mm", 0, -1e3, 1e3, "place"};
+inline constexpr Quantity radius{"radius_mm", "mm", 3, 0.01, 1e3, "radius of the stimulated ball"};
+inline constexpr Quantity start{"start_ms", "ms", 160, 0, 20000, "start of the stimulus in the beat"};
+inline constexpr Quantity duration{"duration_ms", "ms", 3, 0.01, 100, "length of the stimulus"};
+inline constexpr Quantity amplitude{"amplitude_V_per_s", "V/s", 25.71, 0, 1e4, "stimulus current over C_m"};
+inline constexpr Quantity density{"density_kg_per_m3", "kg/m^3", 1e3, 0, 1e5, "mass density of the tissue"};
+inline constexpr Quantity newton{
+    "residual_tolerance", "1", 1e-5, 1e-12, 1e-1, "Newton: residual over that of the step's first guess"};
+inline constexpr Quantity linear{
+    "linear_tolerance", "1", 1e-3, 1e-12, 0.5, "linear solver of mechanics: residual over right-hand side"};
+inline constexpr Quantity lag{
+    "tangent_every", "1", 1, 1, 1000, "steps for which tangent and preconditioner are kept while Newton converges well"};
+inline constexpr Quantity normal_stiffness{"normal_stiffness_Pa_per_m", "Pa/m", 0, 0, 1e9, "spring along the normal"};
+inline constexpr Quantity normal_damping{"normal_damping_Pa_s_per_m", "Pa s/m", 0, 0, 1e8, "dashpot along the normal"};
+inline constexpr Quantity full_stiffness{"full_stiffness_Pa_per_m", "Pa/m", 0, 0, 1e9, "spring in all directions"};
+inline constexpr Quantity full_damping{"full_damping_Pa_s_per_m", "Pa s/m", 0, 0, 1e8, "dashpot in all directions"};
+inline constexpr Quantity image_pressure{
+    "image_pressure_mmHg", "mmHg", 8.6, 0, 100, "pressure in the cavities when the mesh's shape was taken"};
+inline constexpr Quantity n_s{"n_s", "1", 0, 0, 1, "share of active stress along the sheet"};
+inline constexpr Quantity right_share{
+    "right_share", "1", 0.7, 0, 10, "a_XB of the right ventricle over that of the left"};
+inline constexpr Quantity fields_every{
+    "fields_every_ms", "ms", 10, 0, 1e6, "time between fields written for ParaView; 0: none"};
+}  // namespace tissue_keys
+
+struct TissuePlan {
+  std::string mesh_file;  // empty: made
+  std::string shape;      // ellipsoid | biventricular | heart
+  std::vector<double> shape_values;
+  double size_mm = 4;
+  std::string mesh_unit = "auto";
+  FibreRule fibres{};
+  bool fibres_from_file = false;
+
+  MonodomainSettings electrophysiology;
+  Conductivity conductivity, fast_conductivity;
+  bool feedback = true;  // deformed conductivities
+  std::vector<Stimulus> stimuli;
+  std::vector<Point3> electrodes;
+
+  MechanicsSettings mechanics;  // without its surfaces
+  SolverKind solver = SolverKind::gmres_ilu;
+  double residual_tolerance = 1e-5, linear_tolerance = 1e-3;
+  int tangent_every = 1;
+  bool recover_reference = true;
+  double image_pressure_mmHg = 8.6;
+  double right_share = 0.7;
+  double fields_every_ms = 10;
+};
+
+// Reads a wall's table; fills plan.cavities, plan.fibres and plan.tissue (a TissuePlan).
+void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& plan);
+
+// The mesh a plan names, made or read by one rank, checked, on all ranks. Collective.
+std::shared_ptr<const TetMesh> make_mesh(const TissuePlan& plan, const std::vector<int>& chambers,
+                                         const std::string& place, MPI_Comm communicator);
+
+// Surface tag of a chamber's endocardium.
+int endocardium_of(int chamber);
+
+}  // namespace wiggers
