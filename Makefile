@@ -1,7 +1,8 @@
 # The front door. Every target does the set-up it needs; a second call does no work twice.
 #
 #   make heartbeat   install what is missing, build, run the main job, say where the pictures are
-#   make test        the same from nothing, and run all tests
+#   make heartbeat-3d   the same with a left ventricle of 3D tissue on two MPI ranks (installs deal.II and gmsh)
+#   make test        install and build everything, the 3D tissue included, and run all tests
 #   make build       install and build; the command is build/wiggers
 #   make nightly     the long tests: sanitizers, minimal build, formatting, extremes, fuzzing, benchmarks
 #   make trade       measure the tables of docs/trade.md and docs/extremes.md on this machine
@@ -15,6 +16,7 @@ SHELL := /bin/bash
 PACKAGES := g++ cmake ninja-build git ca-certificates python3-venv python3-dev \
   libeigen3-dev libsundials-dev libhdf5-dev libfmt-dev libboost-dev libtoml11-dev libcli11-dev \
   nlohmann-json3-dev catch2 libbenchmark-dev
+TISSUE_PACKAGES := libdeal.ii-dev libgmsh-dev openmpi-bin
 NIGHTLY_PACKAGES := clang-format libxsimd-dev openmpi-bin
 BUILD := build
 PYTHON := .venv/bin/python
@@ -31,7 +33,11 @@ define install
 	fi
 endef
 
-.PHONY: trade help setup packages build test heartbeat nightly format check-format reference clean
+# Open MPI refuses root, and more ranks than cores, unless told otherwise.
+RANKS := 2
+MPIRUN := OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1 OMP_NUM_THREADS=1 mpirun -n $(RANKS)
+
+.PHONY: tissue heartbeat-3d benchmarks-3d trade help setup packages build test heartbeat nightly format check-format reference clean
 help:
 	@sed -n 's/^#   //p' Makefile
 
@@ -52,11 +58,18 @@ $(BUILD)/build.ninja: CMakeLists.txt cmake/rooms.cmake | setup
 	@cmake --preset release -B $(BUILD) -DWIGGERS_PYTHON=$(CURDIR)/$(PYTHON) -DWIGGERS_BINDINGS=ON > $(BUILD).log || { cat $(BUILD).log; rm -f $(BUILD).log; exit 1; }
 	@rm -f $(BUILD).log
 
+# deal.II brings its own flavour of HDF5: a build that was configured without it is configured afresh.
+tissue: setup $(BUILD)/build.ninja
+	$(call install,$(TISSUE_PACKAGES))
+	@grep -qs 'WIGGERS_HAS_TISSUE:INTERNAL=ON' $(BUILD)/CMakeCache.txt || { \
+	  cmake --fresh --preset release -B $(BUILD) -DWIGGERS_PYTHON=$(CURDIR)/$(PYTHON) -DWIGGERS_BINDINGS=ON -DWIGGERS_TISSUE=ON > $(BUILD).log \
+	    || { cat $(BUILD).log; rm -f $(BUILD).log; exit 1; }; rm -f $(BUILD).log; }
+
 build: setup $(BUILD)/build.ninja
 	@cmake --build $(BUILD) -j $(JOBS) --target wiggers
 	@echo "the command: $(BUILD)/wiggers"
 
-test: setup $(BUILD)/build.ninja
+test: tissue
 	@cmake --build $(BUILD) -j $(JOBS)
 	@ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) -LE nightly
 
@@ -64,6 +77,13 @@ heartbeat: build
 	@mkdir -p heartbeat
 	@$(BUILD)/wiggers run scenes/whole_heart.toml -o heartbeat/whole_heart.h5
 	@$(BUILD)/wiggers report heartbeat/whole_heart.h5 -o heartbeat/report
+
+heartbeat-3d: tissue
+	@cmake --build $(BUILD) -j $(JOBS) --target wiggers wiggers-3d
+	@mkdir -p heartbeat-3d
+	@$(MPIRUN) $(BUILD)/wiggers-3d run scenes/left_ventricle_3d.toml -o heartbeat-3d/left_ventricle.h5
+	@$(BUILD)/wiggers report heartbeat-3d/left_ventricle.h5 -o heartbeat-3d/report
+	@echo "fields for ParaView: heartbeat-3d/left_ventricle.LV.fields/index.pvd"
 
 nightly: setup
 	$(call install,$(NIGHTLY_PACKAGES))
@@ -104,4 +124,4 @@ check-format:
 	@clang-format --dry-run --Werror $(SOURCES)
 
 clean:
-	@rm -rf $(BUILD) build-sanitize build-minimal build-dev heartbeat
+	@rm -rf $(BUILD) build-sanitize build-minimal build-dev heartbeat heartbeat-3d

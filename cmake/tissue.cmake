@@ -14,6 +14,7 @@ if(WIGGERS_COMMAND AND NOT WIGGERS_TISSUE STREQUAL "OFF")
                         "apt-get install libdeal.ii-dev libgmsh-dev, or configure with WIGGERS_TISSUE=OFF")
   endif()
 endif()
+set(WIGGERS_HAS_TISSUE ${WIGGERS_TISSUE_FOUND} CACHE INTERNAL "whether this build has the 3D tissue")
 
 function(wiggers_tissue_room)
   wiggers_room(tissue USES wiggers::heart Eigen3::Eigen)

@@ -151,7 +151,7 @@ void NodeMatrix::multiply(const double* x, double* y) const {
 namespace {
 
 // Translations and rotations, which no elastic energy resists: what multigrid must carry to its coarse grids.
-void attach_rigid_body_modes(const NodeMatrix& matrix) {
+void attach_rigid_body_modes(const NodeMatrix& matrix, ::Mat to) {
   const NodeSpace& space = matrix.space();
   ::Vec coordinates = nullptr;
   check(VecCreate(matrix.partition().communicator(), &coordinates), "coordinates");
@@ -165,9 +165,48 @@ void attach_rigid_body_modes(const NodeMatrix& matrix) {
   check(VecRestoreArray(coordinates, &values), "coordinates");
   MatNullSpace modes = nullptr;
   check(MatNullSpaceCreateRigidBody(coordinates, &modes), "rigid-body modes");
-  check(MatSetNearNullSpace(matrix.handle(), modes), "rigid-body modes");
+  check(MatSetNearNullSpace(to, modes), "rigid-body modes");
   check(MatNullSpaceDestroy(&modes), "rigid-body modes");
   check(VecDestroy(&coordinates), "coordinates");
+}
+
+// Multigrid coarsens matrices of scalars only (PETSc 3.18), so it gets a copy; MatConvert would take the parts of
+// a parallel original apart.
+void copy_rows(::Mat from, ::Mat to) {
+  PetscInt first = 0, end = 0, n = 0;
+  const PetscInt* columns = nullptr;
+  const PetscScalar* values = nullptr;
+  check(MatGetOwnershipRange(from, &first, &end), "rows");
+  for (PetscInt row = first; row < end; ++row) {
+    check(MatGetRow(from, row, &n, &columns, &values), "rows");
+    check(MatSetValues(to, 1, &row, n, columns, values, INSERT_VALUES), "rows");
+    check(MatRestoreRow(from, row, &n, &columns, &values), "rows");
+  }
+  check(MatAssemblyBegin(to, MAT_FINAL_ASSEMBLY), "assembly");
+  check(MatAssemblyEnd(to, MAT_FINAL_ASSEMBLY), "assembly");
+}
+
+::Mat scalar_copy(const NodeMatrix& matrix) {
+  ::Mat from = matrix.handle(), copy = nullptr;
+  PetscInt first = 0, end = 0, n = 0;
+  const PetscInt* columns = nullptr;
+  check(MatGetOwnershipRange(from, &first, &end), "rows");
+  std::vector<PetscInt> own, foreign;
+  for (PetscInt row = first; row < end; ++row) {
+    check(MatGetRow(from, row, &n, &columns, nullptr), "rows");
+    const auto inside = std::count_if(columns, columns + n, [&](PetscInt c) { return c >= first && c < end; });
+    own.push_back(static_cast<PetscInt>(inside));
+    foreign.push_back(static_cast<PetscInt>(n - inside));
+    check(MatRestoreRow(from, row, &n, &columns, nullptr), "rows");
+  }
+  check(MatCreate(matrix.partition().communicator(), &copy), "MatCreate");
+  check(MatSetSizes(copy, end - first, end - first, PETSC_DECIDE, PETSC_DECIDE), "MatSetSizes");
+  check(MatSetBlockSize(copy, matrix.components()), "MatSetBlockSize");
+  check(MatSetType(copy, MATAIJ), "MatSetType");
+  check(MatSeqAIJSetPreallocation(copy, 0, own.data()), "preallocation");
+  check(MatMPIAIJSetPreallocation(copy, 0, own.data(), 0, foreign.data()), "preallocation");
+  copy_rows(from, copy);
+  return copy;
 }
 
 }  // namespace
@@ -189,7 +228,8 @@ LinearSolver::LinearSolver(const NodeMatrix& matrix, SolverKind kind) : matrix_(
       check(KSPGMRESSetRestart(solver_, 150), "restart");
       check(KSPSetPCSide(solver_, PC_RIGHT), "side");  // so that the residual is the true one
       if (kind == SolverKind::gmres_gamg) {
-        attach_rigid_body_modes(matrix);
+        scalars_ = scalar_copy(matrix);
+        attach_rigid_body_modes(matrix, scalars_);
         check(PCSetType(preconditioner, PCGAMG), "PCSetType");
       } else {
         check(PCSetType(preconditioner, PCBJACOBI), "PCSetType");
@@ -202,7 +242,7 @@ LinearSolver::LinearSolver(const NodeMatrix& matrix, SolverKind kind) : matrix_(
       break;
   }
   check(KSPSetInitialGuessNonzero(solver_, kind == SolverKind::direct ? PETSC_FALSE : PETSC_TRUE), "guess");
-  check(KSPSetOperators(solver_, matrix.handle(), matrix.handle()), "operators");
+  check(KSPSetOperators(solver_, matrix.handle(), scalars_ ? scalars_ : matrix.handle()), "operators");
   check(MatCreateVecs(matrix.handle(), &x_, &b_), "MatCreateVecs");
 }
 
@@ -210,9 +250,11 @@ LinearSolver::~LinearSolver() {
   VecDestroy(&x_);
   VecDestroy(&b_);
   KSPDestroy(&solver_);
+  MatDestroy(&scalars_);
 }
 
 void LinearSolver::matrix_changed(bool keep_preconditioner) {
+  if (scalars_ && !keep_preconditioner) copy_rows(matrix_.handle(), scalars_);
   check(KSPSetReusePreconditioner(solver_, keep_preconditioner ? PETSC_TRUE : PETSC_FALSE), "reuse");
 }
 

@@ -98,6 +98,7 @@ class LinearSolver {
   const NodeMatrix& matrix_;
   SolverKind kind_;
   _p_KSP* solver_ = nullptr;
+  _p_Mat* scalars_ = nullptr;  // what multigrid coarsens
   _p_Vec *b_ = nullptr, *x_ = nullptr;
 };
 

@@ -156,6 +156,7 @@ double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3, st
   mechanics.set_step(0);
   const double start = mechanics.assemble(pressures, false).volumes_m3[surface];
   double s = 0, step = settings.first_step;
+  double scale = newton.load_norm(pressures);  // of the forces: the pressure itself may go to zero
   std::vector<double> right, y, Y;
   while (s < 1) {
     const double next = std::min(1.0, s + step);
@@ -174,7 +175,10 @@ double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3, st
       }
       if (first < 0) first = balance.residual;
       const double mismatch = wanted - balance.volumes_m3[surface];
-      const double tolerance = settings.relative_tolerance * std::max(first, newton.load_norm(pressures));
+      const double tolerance = settings.relative_tolerance * std::max({first, scale, newton.load_norm(pressures)});
+      newton.failure = fmt::format("no equilibrium after {} Newton iterations: residual {:.3g} N, smallest J {:.3g} in {}",
+                                   iteration, balance.residual, balance.smallest_J,
+                                   mechanics.place_of_cell(balance.worst_cell));
       if (balance.residual <= tolerance && std::abs(mismatch) <= 1e-9 * std::abs(wanted)) {
         converged = true;
         break;
@@ -198,6 +202,7 @@ double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3, st
     }
     if (converged) {
       s = next;
+      scale = std::max(scale, newton.load_norm(pressures));
       if (iteration <= settings.easy_newton) step *= 2;
       continue;
     }

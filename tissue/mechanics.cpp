@@ -506,7 +506,8 @@ Mechanics::Mechanics(const Partition& partition, const FibreField* fibres, Mecha
           if (support.fixed[i] && nodes[facet.corner[k]] < me.space.n_own)
             me.fixed[3 * static_cast<std::size_t>(nodes[facet.corner[k]]) + i] = 1;
     }
-    if (me.mine[facet.cell]) me.facets.push_back(facet);
+    // An own cell may have all its nodes on other ranks: its share of the volumes still counts here.
+    if (me.mine[facet.cell] || facet.cell < partition.n_own_cells()) me.facets.push_back(facet);
   }
   const auto refuse_empty = [&](int count, int tag, const char* what) {
     if (partition.sum(count) == 0)

@@ -18,7 +18,7 @@ inline constexpr Quantity order{"order", "1", 1, 1, 2, "polynomial order of the 
 inline constexpr Quantity ep_order{"order", "1", 2, 1, 2, "polynomial order of the potential"};
 inline constexpr Quantity tau{"tau_ms", "ms", 0.05, 1e-3, 0.5, "step of electrophysiology"};
 inline constexpr Quantity ep_tolerance{
-    "relative_tolerance", "1", 1e-6, 1e-12, 1e-2, "linear solver of the potential: residual over right-hand side"};
+    "relative_tolerance", "1", 1e-8, 1e-12, 1e-2, "linear solver of the potential: residual over right-hand side"};
 inline constexpr Quantity table_spacing{
     "table_spacing_mV", "mV", 0.1, 0, 1, "tables of the ionic models' functions of potential; 0: none"};
 inline constexpr Quantity fast_thickness{

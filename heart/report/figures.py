@@ -84,7 +84,7 @@ def wiggers_diagram(result):
         panels[-1].set_xlim(0, t[-1])
 
         for panel in panels:
-            _shade_phases(panel, result)
+            shade_phases(panel, result)
         _name_phases(left, result)
         figure.suptitle(result.title, y=0.995, fontsize=12, fontweight="bold")
         # The valve names of the bar panel would push the labels off the sheet.
@@ -109,7 +109,7 @@ def _phase_spans(result, side="left"):
                 yield name, 0.0, end
 
 
-def _shade_phases(panel, result):
+def shade_phases(panel, result):
     for name, begin, end in _phase_spans(result):
         panel.axvspan(begin, end, color=PHASE_COLOUR[name], alpha=0.13, lw=0, zorder=0)
 

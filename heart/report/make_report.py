@@ -13,6 +13,8 @@ matplotlib.use("Agg")
 from figures import pv_loops, wiggers_diagram  # noqa: E402
 from page import write_page  # noqa: E402
 from result import Result  # noqa: E402
+from tissue import make_tissue_pictures, tissue_walls  # noqa: E402
+from tissue_page import tissue_section  # noqa: E402
 
 
 def main(result_path, folder):
@@ -25,10 +27,19 @@ def main(result_path, folder):
         for ending in ("png", "svg"):
             figure.savefig(folder / f"{name}.{ending}", dpi=160)
         pictures[name] = folder / f"{name}.svg"
+    sections, tissue_pictures = [], []
+    for wall in tissue_walls(result):
+        made = make_tissue_pictures(wall, folder)
+        sections.append(tissue_section(wall, made))
+        tissue_pictures += made.values()
+        if wall.trouble:
+            print(wall.trouble)
     page = folder / "index.html"
-    write_page(page, result, pictures)
+    write_page(page, result, pictures, sections)
     print(f"report: {page}")
     print(f"pictures: {folder / 'wiggers.png'}, {folder / 'pv_loops.png'} (and .svg)")
+    if tissue_pictures:
+        print(f"pictures of the tissue: {', '.join(map(str, tissue_pictures))}")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,8 @@ pre { background: #f6f6f6; padding: 0.8rem; overflow-x: auto; font-size: 12.5px;
 """
 
 
-def write_page(path, result, pictures):
+def write_page(path, result, pictures, sections=()):
+    """`sections`: HTML that stands before the scene."""
     s = result.summary
     parts = [
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
@@ -29,6 +30,7 @@ def write_page(path, result, pictures):
         _ranges(result),
         "<h2>Valves</h2>",
         _valves(s["indexes"]["valves"]),
+        *sections,
         "<h2>The scene</h2>",
         f"<pre>{html.escape(result.scene)}</pre>",
         f"<p><small>{html.escape(result.version)}</small></p></body></html>",
@@ -70,7 +72,7 @@ def _verdicts(result):
     return f"<ul class='verdict'>{items}{warnings}</ul>"
 
 
-def _table(headings, rows):
+def table(headings, rows):
     head = "".join(f"<th>{h}</th>" for h in headings)
     body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
     return f"<table><tr>{head}</tr>{body}</table>"
@@ -94,7 +96,7 @@ def _two_sides(indexes):
     for key, name in (("E_over_A", "E/A"), ("atrial_kick_percent", "share of atrial kick in filling [%]")):
         if key in indexes:
             rows.append((name, *(f"{indexes[key][v]:.2f}" if v in indexes[key] else "" for v in ("MV", "TV"))))
-    return _table(("", "left", "right"), rows)
+    return table(("", "left", "right"), rows)
 
 
 def _ranges(result):
@@ -105,7 +107,7 @@ def _ranges(result):
         rows.append(_range_row(result, name))
     note = (f"<p><small>Volumes per body surface area of {result.body_surface_area} m2. Ranges: men, cardiac magnetic "
             "resonance (Kawel-Boehm et al. 2020; PassEF, ActEF and VpreAC from Li et al. 2017).</small></p>")
-    return _table(("index", "value", "unit", "range", "Fedele et al. 2023", ""), rows) + note
+    return table(("index", "value", "unit", "range", "Fedele et al. 2023", ""), rows) + note
 
 
 def _range_row(result, name):
@@ -121,4 +123,4 @@ def _valves(valves):
         v = valves[name]
         rows.append((long, *(f"{1e3 * v[k]:.0f}" if k in v else "" for k in ("opens_s", "closes_s")),
                      f"{v['peak_flow_mL_per_s']:.0f}", f"{v['backward_volume_mL']:.3f}"))
-    return _table(("valve", "opens [ms]", "closes [ms]", "peak flow [mL/s]", "backward volume [mL]"), rows)
+    return table(("valve", "opens [ms]", "closes [ms]", "peak flow [mL/s]", "backward volume [mL]"), rows)

@@ -1,6 +1,8 @@
 """One result file of `wiggers run`, read into arrays by name."""
 
 import json
+import tomllib
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -11,6 +13,7 @@ VALVES = ("MV", "AV", "TV", "PV")
 
 class Result:
     def __init__(self, path):
+        self.path = Path(path)
         with h5py.File(path, "r") as file:
             self.time = file["time"][:]
             self.volume = {c: file[f"cavities/{c}/volume"][:] for c in CHAMBERS}
@@ -30,6 +33,18 @@ class Result:
                 | {"unit": _text(group["value"].attrs["unit"])}
                 for name, group in file["reference_ranges"].items()
             }
+            solver = file.get("solver", {})
+            self.solver = {name: float(data[()]) for name, data in solver.items() if name != "walls" and data.shape == ()}
+            # What walls of 3D tissue cost: {wall: {figure: value, unit and meaning}}.
+            self.walls = {
+                wall: {
+                    name: {"value": float(data[()]), "unit": _text(data.attrs["unit"]), "meaning": _text(data.attrs["meaning"])}
+                    for name, data in group.items()
+                }
+                for wall, group in solver.get("walls", {}).items()
+            }
+            # Complete beats so far; the result holds the last of them.
+            self.beats = int(file["checkpoint/run"][0]) if "checkpoint/run" in file else 1
             provenance = file["provenance"]
             self.scene = _text(provenance["scene"][()])
             self.title = _text(provenance["title"][()])
@@ -37,6 +52,15 @@ class Result:
             self.status = _text(provenance["status"][()])
             self.body_surface_area = _body_surface_area(self.scene)
         self.period = float(self.time[-1])
+
+    def tissue_settings(self, wall):
+        """The table of a wall in the scene."""
+        return tomllib.loads(self.scene).get("walls", {}).get(wall, {})
+
+    def tissue_names(self):
+        """Walls of 3D tissue. A run that was stopped has no figures of them yet, but its scene names them."""
+        in_scene = tomllib.loads(self.scene).get("walls", {})
+        return sorted({name for name, wall in in_scene.items() if wall.get("kind") == "tissue"} | set(self.walls))
 
     def open_spans(self, valve):
         """Spans of time in which a valve is open, from its pressure difference (openings above 1.5 ms)."""
@@ -67,9 +91,11 @@ class Result:
     def _cells_by_chamber(self):
         """Cell traces of each chamber; of TriSeg ventricles the free walls stand for theirs."""
         for name, data in self.cells.items():
-            if name != "ventricles":
+            if name in CHAMBERS:
                 yield name, data
                 continue
+            if name != "ventricles":
+                continue  # tissue of several chambers has no trace for each
             for chamber, wall in (("LV", "left_"), ("RV", "right_")):
                 yield chamber, {key[len(wall):]: values for key, values in data.items() if key.startswith(wall)}
 

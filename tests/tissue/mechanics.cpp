@@ -577,9 +577,12 @@ TEST_CASE("prescribed pressure and prescribed volume reach the same state") {
     pressed.press(800, 801);
     CHECK(slope == Approx(1 / (pressed.volume(801) - full)).epsilon(1e-2));
     CHECK(slope > 0);
+    pressed.press(801, 0);
+    CHECK(pressed.volume(0) == Approx(empty).epsilon(1e-9));
     const double back = inflate_to_volume(filled.mechanics, 1, empty, {0, p}, numerics);
     CHECK(std::abs(back) < 1e-4 * 800);
-    CHECK(largest(filled.mechanics.displacement()) < 1e-6 * largest(pressed.mechanics.displacement()));
+    CHECK(largest(filled.mechanics.displacement()) < 1e-8);
+    CHECK(largest(pressed.mechanics.displacement()) < 1e-8);
   }
 }
 
@@ -636,9 +639,9 @@ TEST_CASE("a hopeless load fails with its place and leaves the last good state")
 TEST_CASE("volume control that fails says where and leaves the last good state") {
   Shell shell(elements[0]);
   const double empty = shell.volume(0);
-  CHECK_THROWS_AS(inflate_to_volume(shell.mechanics, 1, -0.5 * empty, {0, 0}), NumericalFailure);
+  CHECK_THROWS_AS(inflate_to_volume(shell.mechanics, 1, 1e6 * empty, {0, 0}), NumericalFailure);
   CHECK(shell.mechanics.smallest_volume_ratio(shell.mechanics.displacement()).first > 0);
-  CHECK_THROWS_WITH(inflate_to_volume(shell.mechanics, 1, -0.5 * empty, {0, 0}),
+  CHECK_THROWS_WITH(inflate_to_volume(shell.mechanics, 1, 1e6 * empty, {0, 0}),
                     Contains("volume control: stopped at") && Contains("tetrahedron ") && Contains("(volume tag 1)"));
 }
 

@@ -263,6 +263,7 @@ TEST_CASE("every solver solves on any number of ranks", "[ranks]") {
         for (int i = 0; i < components; ++i) matrix.block(matrix.diagonal_slot(node))[(components + 1) * i] = 2 + i;
       matrix.finish();
       solver.matrix_changed();
+      std::fill(x.begin(), x.end(), 0.0);
       CHECK(solver.solve(b.data(), x.data(), 1e-11, 0).converged);
       bool good = true;
       for (std::size_t k = 0; k < size; ++k)
@@ -368,6 +369,7 @@ Deformed deform(MPI_Comm communicator, int order, bool mean, SolverKind solver) 
   numerics.solver = solver;
   numerics.relative_tolerance = 1e-10;
   numerics.linear_tolerance = 1e-11;
+  numerics.first_step = 0.5;
   find_equilibrium(
       mechanics, [](double s) { return std::vector<double>{100 * s, -60 * s}; }, numerics,
       [&](double s) {

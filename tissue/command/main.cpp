@@ -5,7 +5,7 @@
 #include <wiggers/tissue/algebra.hpp>
 #include <wiggers/tissue/register.hpp>
 
-#include "../../heart/command/application.hpp"
+#include "application.hpp"
 #include "verbs.hpp"
 
 namespace {

@@ -1,0 +1,377 @@
+"""What a run with 3D tissue adds to the report: activation map, deformed views, cost per part, convergence, leads.
+
+Fields come from the folder that the run wrote beside its result, RESULT.WALL.fields; without it the report says so
+and shows the rest.
+"""
+
+import io
+
+import matplotlib.pyplot as plt
+import numpy as np
+from figures import COLOUR, STYLE, shade_phases
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, Normalize
+from matplotlib.ticker import MaxNLocator
+from PIL import Image
+from result import CHAMBERS
+from surface import Camera, clipped, draw, outer_patches, section
+from vtu import BrokenFields, Frame, read_index
+
+MYOCARDIUM = (1, 2, 3)  # volume tags, see tissue/mesh.hpp
+LARGEST_PATCH_M = 1e-3  # drawn in one colour
+# A section through the long axis shows both ventricles: z is up and the right ventricle stands along x.
+SECTION_NORMAL = np.array([0.0, 1.0, 0.0])
+SECTION_CAMERA = Camera(-80, 12)
+OUTER_CAMERAS = (Camera(-60, 22), Camera(120, 22))
+PARTS = (  # figure of the wall, name in the report, colour
+    ("electrophysiology_ionic", "electrophysiology: ionic cells", "#08519c"),
+    ("electrophysiology_solve", "electrophysiology: linear systems", "#3182bd"),
+    ("electrophysiology_right_side", "electrophysiology: right-hand sides", "#6baed6"),
+    ("electrophysiology_assembly", "electrophysiology: matrices", "#9ecae1"),
+    ("electrophysiology_rest", "electrophysiology: rest", "#c6dbef"),
+    ("active_force", "active force", "#fdae6b"),
+    ("mechanics_assembly", "mechanics: residuals and tangents", "#cb181d"),
+    ("mechanics_solve", "mechanics: linear systems", "#fb6a4a"),
+    ("deformation", "stretches, deformed conductivities", "#74c476"),
+)
+
+
+class TissueWall:
+    """One wall of 3D tissue: figures and traces from the result, fields from the folder beside it."""
+
+    def __init__(self, result, name):
+        self.result, self.name = result, name
+        self.figures = result.walls.get(name, {})
+        self.traces = result.cells.get(name, {})
+        # The chamber whose volume and pressure tell the moments of the beat.
+        self.chamber = name if name in CHAMBERS else "LV"
+        base = result.path.name.removesuffix(".h5")
+        self.folder = result.path.with_name(f"{base}.{name}.fields")
+        self.frames, self.trouble = [], None
+        try:
+            self._find_frames()
+        except BrokenFields as error:
+            self.trouble = f"The fields in {self.folder.name} cannot be read ({error}); "
+        if self.trouble:
+            self.trouble += "so there is neither an activation map nor a view of the deformation."
+
+    def _find_frames(self):
+        if not self.folder.is_dir():
+            self.trouble = f"There is no folder {self.folder.name} beside the result file"
+            if self.result.tissue_settings(self.name).get("fields_every_ms") == 0:
+                self.trouble += " (the scene has fields_every_ms = 0)"
+            self.trouble += ", "
+            return
+        # Frames carry the time since the start of the run; the result holds its last complete beat.
+        period = self.result.period
+        start = (self.result.beats - 1) * period
+        slack = 1e-6 * period
+        times = [(t - start, path) for t, path in read_index(self.folder)]
+        self.frames = [(t, path) for t, path in times if -slack <= t <= period + slack]
+        if not self.frames:
+            self.trouble = f"The index in {self.folder.name} lists no frame of the beat in the result, "
+
+    def moments(self):
+        """(name, time in s) of the moments that are drawn."""
+        time = self.result.time
+        volume, pressure = self.result.volume[self.chamber], self.result.pressure[self.chamber]
+        side = "right" if self.chamber in ("RA", "RV") else "left"
+        phases = self.result.phases.get(side, {})
+        # When the inlet valve closes; without phases when the chamber is largest.
+        filled = phases["IVC"][0] if "IVC" in phases else time[np.argmax(volume)]
+        return (("end of diastole", filled), ("highest pressure", time[np.argmax(pressure)]), ("end of the beat", time[-1]))
+
+    def frame_at(self, time_s):
+        """(time in s, frame) of the frame nearest to that time."""
+        t, path = min(self.frames, key=lambda frame: abs(frame[0] - time_s))
+        return t, Frame(path)
+
+    def seconds_per_beat(self):
+        """Wall time of each part for one beat, in the order of PARTS; parts that the file does not have are left out."""
+        seconds = {key: figure["value"] for key, figure in self.figures.items() if figure["unit"] == "s"}
+        of_it = [value for key, value in seconds.items() if key.startswith("electrophysiology_")]
+        if "electrophysiology" in seconds:
+            seconds["electrophysiology_rest"] = max(0.0, seconds["electrophysiology"] - sum(of_it))
+        beats = self.beats_measured()
+        return {key: seconds[key] / beats for key, *_ in PARTS if key in seconds}
+
+    def beats_measured(self):
+        """Beats over which the figures of this wall were counted; fewer than the run's after it was resumed."""
+        steps, per_beat = self.figures.get("steps"), self.result.solver.get("steps")
+        return steps["value"] / per_beat if steps and per_beat else 1.0
+
+
+def tissue_walls(result):
+    """The walls of 3D tissue of a result, none for most."""
+    return [TissueWall(result, name) for name in result.tissue_names()]
+
+
+# ---- surfaces ----
+
+
+class Body:
+    """The mesh of a frame, deformed, in the order of the file."""
+
+    def __init__(self, frame):
+        self.points = frame.points + frame.field("displacement_m")
+        self.cells = frame.cells
+        self.myocardium = np.isin(frame.tag, MYOCARDIUM)
+        self.frame = frame
+
+    def whole(self, values):
+        return outer_patches(self.points, self.cells, values, self.myocardium)
+
+    def of_myocardium(self, values, origin):
+        """Views of the myocardium alone: (layers, camera, name)."""
+        cells = self.cells[self.myocardium]
+        every = np.ones(len(cells), bool)
+        whole = outer_patches(self.points, cells, values, every)
+        half = clipped(whole, origin, SECTION_NORMAL), section(self.points, cells, values, every, origin, SECTION_NORMAL)
+        sides = [((whole,), camera, f"from azimuth {camera.azimuth}°") for camera in OUTER_CAMERAS]
+        return [*sides, (half, SECTION_CAMERA, "cut open")]
+
+    def half(self, values, origin):
+        """What lies behind the section, and in front of it the cut face."""
+        cut = section(self.points, self.cells, values, self.myocardium, origin, SECTION_NORMAL)
+        return clipped(self.whole(values), origin, SECTION_NORMAL), cut
+
+    def middle(self):
+        """Of the myocardium: the section passes through it."""
+        used = self.points[np.unique(self.cells[self.myocardium])]
+        return 0.5 * (used.min(axis=0) + used.max(axis=0))
+
+
+def _frame_axes(axis, low, high):
+    """Empty axes of equal scale that show `low` to `high` (mm)."""
+    axis.set_xlim(low[0], high[0])
+    axis.set_ylim(low[1], high[1])
+    axis.set_aspect("equal")
+    axis.set_axis_off()
+
+
+def _bounds(pairs):
+    """Common limits (mm) of patches in their cameras, with a margin."""
+    flat = [camera.flat_mm(patches.corners[:, :, :3].reshape(-1, 3)) for patches, camera in pairs]
+    low, high = np.min([f.min(axis=0) for f in flat], axis=0), np.max([f.max(axis=0) for f in flat], axis=0)
+    margin = 0.03 * (high - low).max()
+    return low - margin, high + margin
+
+
+def _scale_bar(axis, low, high):
+    """20 mm, at the lower right."""
+    x, y = high[0] - 0.02 * (high[0] - low[0]), low[1] + 0.02 * (high[1] - low[1])
+    axis.plot([x - 20, x], [y, y], color="0.2", lw=2, solid_capstyle="butt")
+    axis.text(x - 10, y + 0.012 * (high[1] - low[1]), "20 mm", ha="center", va="bottom", fontsize=8, color="0.2")
+
+
+def activation_map(wall):
+    """Activation time on the myocardium from two sides and cut open, on the shape at the end of diastole."""
+    _, last = wall.frame_at(wall.result.period)
+    _, filled = wall.frame_at(wall.moments()[0][1])
+    body = Body(filled)
+    activation = last.field("activation_s")
+    if len(activation) != len(body.points):
+        raise BrokenFields("the frames are of different meshes")
+    views = body.of_myocardium(1e3 * activation, body.middle())
+    for layers, *_ in views:
+        for patches in layers:
+            # A time of -1 s: not activated; no colour can be told between it and a true time.
+            patches.coloured &= (patches.values() >= 0).all(axis=1)
+    own = 1e3 * activation[np.unique(body.cells[body.myocardium])]
+    reached = own >= 0
+    with plt.rc_context(STYLE):
+        low, high = _bounds([(patches, camera) for layers, camera, _ in views for patches in layers])
+        height = 8.2 * 0.98 / len(views) * (high[1] - low[1]) / (high[0] - low[0])
+        inches = height + 1.65
+        figure, axes = plt.subplots(1, len(views), figsize=(8.2, inches))
+        levels = MaxNLocator(12).tick_values(own[reached].min(), max(own[reached].max(), own[reached].min() + 1)) if reached.any() else [0, 1]
+        colours = plt.get_cmap("turbo_r")
+        norm = BoundaryNorm(levels, colours.N)
+        for axis, (layers, camera, view) in zip(axes, views):
+            for patches in layers:
+                draw(axis, patches, camera, norm, colours, 4 * LARGEST_PATCH_M, levels)
+            _frame_axes(axis, low, high)
+            axis.set_title(view)
+        _scale_bar(axes[-1], low, high)
+        figure.subplots_adjust(left=0.01, right=0.99, top=1 - 0.75 / inches, bottom=0.9 / inches, wspace=0.02)
+        if reached.any():
+            bar = figure.colorbar(ScalarMappable(norm, colours), cax=figure.add_axes((0.2, 0.6 / inches, 0.6, 0.15 / inches)), orientation="horizontal")
+            bar.set_label("activation, time within the beat [ms]")
+        if not reached.all():
+            figure.text(0.99, 0.65 / inches, f"grey: not activated\n({_percent((~reached).mean())} of the points)", ha="right", va="center", fontsize=8)
+        span = f", {own[reached].min():.0f} to {own[reached].max():.0f} ms" if reached.any() else ": nothing was activated"
+        figure.suptitle(f"{wall.result.title}: activation of {wall.name}{span}", y=1 - 0.1 / inches, va="top", fontsize=12, fontweight="bold")
+        return figure
+
+
+def _percent(share):
+    return f"{100 * share:.0f} %" if share >= 0.01 else "< 1 %"
+
+
+def deformed_views(wall):
+    """The body at three moments from outside and cut open, all with one camera, scale and colours."""
+    bodies = []
+    for name, time_s in wall.moments():
+        t, frame = wall.frame_at(time_s)
+        bodies.append((name, t, Body(frame)))
+    origin = bodies[0][2].middle()
+    rows = (
+        ("fibre_stretch", 1.0, "fibre stretch [1]", False, "from outside"),
+        ("fibre_stretch", 1.0, "fibre stretch [1]", True, "cut open"),
+        ("active_tension_Pa", 1e-3, "active tension [kPa]", True, "cut open"),
+    )
+    with plt.rc_context(STYLE):
+        pictures = []
+        for field, factor, _, open_, _ in rows:
+            row = []
+            for _, _, body in bodies:
+                values = factor * body.frame.field(field)
+                row.append(body.half(values, origin) if open_ else (body.whole(values),))
+            pictures.append(row)
+        low, high = _bounds([(patches, SECTION_CAMERA) for row in pictures for layers in row for patches in layers])
+        width, left, right = 8.2, 0.045, 0.86
+        cell = (right - left) * width / len(bodies)  # inches
+        height = cell * (high[1] - low[1]) / (high[0] - low[0])
+        head, gap = 0.95, 0.08
+        total = head + len(rows) * (height + gap) + 0.1
+        figure = plt.figure(figsize=(width, total))
+        for r, (field, factor, label, _, view) in enumerate(rows):
+            own = np.concatenate([factor * body.frame.field(field)[np.unique(body.cells[body.myocardium])] for *_, body in bodies])
+            if field == "fibre_stretch":
+                # Centred at the unstretched fibre; few extreme points do not wash out the rest.
+                reach = max(0.02, np.percentile(np.abs(own - 1), 99))
+                norm, colours = Normalize(1 - reach, 1 + reach), plt.get_cmap("RdBu_r")
+            else:
+                norm, colours = Normalize(0, max(1e-3, np.percentile(own, 99))), plt.get_cmap("YlOrRd")
+            bottom = (total - head - (r + 1) * height - r * gap) / total
+            for c, (name, t, _) in enumerate(bodies):
+                axis = figure.add_axes((left + c * cell / width, bottom, cell / width, height / total))
+                for patches in pictures[r][c]:
+                    draw(axis, patches, SECTION_CAMERA, norm, colours, LARGEST_PATCH_M)
+                _frame_axes(axis, low, high)
+                if r == 0:
+                    volume = np.interp(t, wall.result.time, wall.result.volume[wall.chamber])
+                    pressure = np.interp(t, wall.result.time, wall.result.pressure[wall.chamber])
+                    axis.set_title(f"{name}, {1e3 * t:.0f} ms\n{volume:.0f} mL, {pressure:.0f} mmHg")
+                if c == len(bodies) - 1 and r == len(rows) - 1:
+                    _scale_bar(axis, low, high)
+            figure.text(0.028, bottom + 0.5 * height / total, view, rotation=90, va="center", ha="center", fontsize=9)
+            bar = figure.colorbar(ScalarMappable(norm, colours), cax=figure.add_axes((right + 0.02, bottom + 0.12 * height / total, 0.018, 0.76 * height / total)), extend="both")
+            bar.set_label(label)
+        figure.suptitle(f"{wall.result.title}: deformation of {wall.name}", y=1 - 0.1 / total, va="top", fontsize=12, fontweight="bold")
+        return figure
+
+
+# ---- curves ----
+
+
+def cost_chart(wall):
+    seconds = wall.seconds_per_beat()
+    whole = sum(seconds.values())
+    shown = [(name, colour, seconds[key]) for key, name, colour in PARTS if key in seconds]
+    with plt.rc_context(STYLE):
+        figure, axis = plt.subplots(figsize=(8.2, 0.34 * len(shown) + 1.2))
+        rows = np.arange(len(shown))[::-1]
+        values = np.array([value for *_, value in shown])
+        axis.barh(rows, values, height=0.68, color=[colour for _, colour, _ in shown])
+        for row, value in zip(rows, values):
+            axis.text(value + 0.01 * values.max(), row, f"{value:.3g} s, {100 * value / max(whole, 1e-300):.1f} %", va="center", fontsize=8.5)
+        axis.set_yticks(rows, [name for name, *_ in shown])
+        axis.tick_params(axis="y", length=0)
+        axis.set_xlim(0, 1.22 * max(values.max(), 1e-9))
+        axis.set_xlabel("wall time [s per beat]")
+        figure.suptitle(f"{wall.result.title}: cost of {wall.name}, {whole:.3g} s per beat", fontsize=12, fontweight="bold")
+        inches = 0.34 * len(shown) + 1.2
+        figure.subplots_adjust(left=0.31, right=0.97, top=1 - 0.42 / inches, bottom=0.5 / inches)
+        return figure
+
+
+def convergence_chart(wall):
+    """Newton iterations of each step, where the file has them, and the smallest volume ratio over the beat."""
+    result = wall.result
+    t = 1e3 * result.time
+    panels = []
+    newton = wall.traces.get("newton_iterations")
+    if newton is not None:
+        panels.append((newton, "Newton iterations\nof a step", "0.35"))
+    if "smallest_volume_ratio" in wall.traces:
+        panels.append((wall.traces["smallest_volume_ratio"], "smallest volume\nratio J [1]", COLOUR.get(wall.chamber, "black")))
+    if not panels:
+        return None
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(len(panels), 1, sharex=True, squeeze=False, figsize=(8.2, 1.8 * len(panels) + 0.9))
+        axes = axes[:, 0]
+        for axis, (values, label, colour) in zip(axes, panels):
+            axis.plot(t, values, color=colour)
+            axis.set_ylabel(label)
+            shade_phases(axis, result)
+        if "smallest_volume_ratio" in wall.traces:
+            ratio = wall.traces["smallest_volume_ratio"]
+            k = int(np.argmin(ratio))
+            axes[-1].plot(t[k], ratio[k], "o", color=COLOUR.get(wall.chamber, "black"), ms=4)
+            axes[-1].annotate(f"{ratio[k]:.2f} at {t[k]:.0f} ms", (t[k], ratio[k]), xytext=(0, 9), textcoords="offset points", ha="center", fontsize=8.5)
+            axes[-1].set_ylim(min(0.0, 1.1 * ratio.min()), max(1.05, 1.05 * ratio.max()))
+            axes[-1].axhline(1, color="0.8", lw=0.8, zorder=0)
+        axes[-1].set_xlabel("time [ms]")
+        axes[-1].set_xlim(0, t[-1])
+        figure.suptitle(f"{result.title}: {wall.name} over the beat", fontsize=12, fontweight="bold")
+        inches = 1.8 * len(panels) + 0.9
+        figure.align_ylabels(axes)
+        figure.subplots_adjust(left=0.115, right=0.97, top=1 - 0.4 / inches, bottom=0.5 / inches, hspace=0.15)
+        return figure
+
+
+def lead_chart(wall):
+    """The pseudo-ECG at each electrode; None without electrodes."""
+    leads = sorted((int(key.removeprefix("lead_")), key) for key in wall.traces if key.startswith("lead_"))
+    if not leads:
+        return None
+    names = list(wall.result.tissue_settings(wall.name).get("electrodes", {}))
+    t = 1e3 * wall.result.time
+    with plt.rc_context(STYLE):
+        inches = 0.95 * len(leads) + 0.95
+        figure, axes = plt.subplots(len(leads), 1, sharex=True, squeeze=False, figsize=(8.2, inches))
+        axes = axes[:, 0]
+        for axis, (number, key) in zip(axes, leads):
+            axis.axhline(0, color="0.8", lw=0.6, zorder=0)
+            axis.plot(t, wall.traces[key], color="black", lw=1.3)
+            axis.set_ylabel(names[number - 1] if len(names) == len(leads) else f"lead {number}", rotation=0, ha="right", va="center")
+            axis.locator_params(axis="y", nbins=3)
+            shade_phases(axis, wall.result)
+        axes[-1].set_xlabel("time [ms]")
+        axes[-1].set_xlim(0, t[-1])
+        figure.suptitle(f"{wall.result.title}: pseudo-ECG of {wall.name} [mV m, no absolute scale]", fontsize=12, fontweight="bold")
+        figure.subplots_adjust(left=0.16, right=0.97, top=1 - 0.4 / inches, bottom=0.5 / inches, hspace=0.2)
+        return figure
+
+
+# ---- everything of one wall ----
+
+
+def make_tissue_pictures(wall, folder):
+    """Saves what can be drawn. Returns the pictures by kind; what the fields do not allow goes to `wall.trouble`."""
+    makers = {"cost": cost_chart if wall.seconds_per_beat() else None, "convergence": convergence_chart, "leads": lead_chart}
+    if wall.frames:
+        makers |= {"activation": activation_map, "deformation": deformed_views}
+    pictures = {}
+    for kind, make in makers.items():
+        try:
+            figure = make(wall) if make else None
+        except BrokenFields as error:
+            wall.trouble = f"The fields in {wall.folder.name} cannot be read ({error}); views that need them are left out."
+            continue
+        if figure is None:
+            continue
+        path = folder / f"{wall.name}_{kind}.png"
+        _save(figure, path)
+        plt.close(figure)
+        pictures[kind] = path
+    return pictures
+
+
+def _save(figure, path):
+    """Drawn twice as large and reduced: patches are painted without smoothing, which would show their seams."""
+    drawn = io.BytesIO()
+    figure.savefig(drawn, dpi=320, format="png")
+    picture = Image.open(drawn).convert("RGB")
+    picture.resize((picture.width // 2, picture.height // 2), Image.Resampling.BOX).save(path, optimize=True)

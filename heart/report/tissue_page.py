@@ -1,0 +1,116 @@
+"""The part of the page about one wall of 3D tissue."""
+
+import base64
+import html
+
+from page import table
+from tissue import PARTS
+
+# Elements that lose more of their volume than this deserve a look: tissue hardly compresses.
+SMALLEST_GOOD_VOLUME_RATIO = 0.8
+# Sizes and counts, in the order of the page. Counts are for one beat.
+SIZES = ("tetrahedra", "potential_nodes", "displacement_unknowns", "ranks", "reference_volume_ratio", "reference_smallest_angle")
+COUNTS = ("steps", "rejected_steps", "tangents", "residuals", "solves", "solver_iterations", "halved_updates",
+          "electrophysiology_steps", "electrophysiology_iterations")
+CAPTIONS = {
+    "activation": "Activation: the moment the potential of a point rises above its threshold, on all surfaces of the "
+                  "myocardium, drawn on its shape at the end of diastole. Azimuths turn from x towards y.",
+    "deformation": "One camera and one scale throughout; the section passes through the middle along the long axis. Grey: "
+                   "caps and other tissue without fibres. The colours end at the 99th percentile.",
+    "cost": "Wall time of each part for one beat, on the first process. The share is of what is shown.",
+    "convergence": "Over the last beat. J is the volume of an element over that in the unloaded shape; the smallest of all "
+                   "elements at each moment. Shading: phases of the left heart.",
+    "leads": "Pseudo-ECG at the electrodes of the scene: the tissue in an endless uniform conductor, no torso.",
+}
+
+
+def tissue_section(wall, pictures):
+    parts = [f"<h2>Tissue of {html.escape(wall.name)}</h2>"]
+    if wall.trouble:
+        parts.append(f"<p class='flag'>{html.escape(wall.trouble)}</p>")
+    parts += [_picture(pictures, kind) for kind in ("activation", "deformation", "leads")]
+    if wall.figures:
+        parts += ["<h3>Cost</h3>", _picture(pictures, "cost"), _cost_table(wall), _sizes_table(wall)]
+    else:
+        parts.append("<p>The result holds no costs of this wall: the run was stopped before its end.</p>")
+    parts += ["<h3>Convergence</h3>", _convergence(wall), _picture(pictures, "convergence")]
+    return "\n".join(part for part in parts if part)
+
+
+def _picture(pictures, kind):
+    if kind not in pictures:
+        return ""
+    data = base64.b64encode(pictures[kind].read_bytes()).decode()
+    return (f"<figure><img style='max-width: 100%' alt='{kind}' src='data:image/png;base64,{data}'>"
+            f"<figcaption>{CAPTIONS[kind]}</figcaption></figure>")
+
+
+def _cost_table(wall):
+    seconds = wall.seconds_per_beat()
+    whole = sum(seconds.values())
+    rows = [(name, f"{seconds[key]:.3f}", f"{100 * seconds[key] / whole:.1f}" if whole > 0 else "")
+            for key, name, _ in PARTS if key in seconds]
+    rows.append(("together", f"{whole:.3f}", ""))
+    return table(("part", "wall time [s per beat]", "share [%]"), rows)
+
+
+def _sizes_table(wall):
+    """Figures of the wall that are no wall time, with what the file says about them."""
+    beats = wall.beats_measured()
+    known = [key for key in (*SIZES, *COUNTS) if key in wall.figures]
+    more = [key for key, figure in wall.figures.items() if key not in known and figure["unit"] != "s"]
+    rows = []
+    for key in (*known, *more):
+        figure = wall.figures[key]
+        name = html.escape(f"{key.replace('_', ' ')}: {figure['meaning']}")
+        unit = "" if figure["unit"] == "1" else html.escape(figure["unit"])
+        if key in COUNTS:
+            rows.append((name, _number(figure["value"] / beats), "per beat"))
+        else:
+            rows.append((name, _number(figure["value"]), unit))
+    note = f"<p><small>Costs and counts: means over {_number(beats)} beat{'' if beats == 1 else 's'}.</small></p>"
+    return table(("size or count", "value", ""), rows) + note
+
+
+def _number(value):
+    if value == int(value) or abs(value) >= 1000:
+        return f"{value:,.0f}".replace(",", "&thinsp;")
+    return f"{value:.3g}"
+
+
+def _convergence(wall):
+    result = wall.result
+    rows = []
+    ratio = wall.traces.get("smallest_volume_ratio")
+    if ratio is not None:
+        rows.append((ratio.min() > SMALLEST_GOOD_VOLUME_RATIO,
+                     f"smallest volume ratio of an element {ratio.min():.3f}, at {1e3 * result.time[ratio.argmin()]:.0f} ms"))
+    cycle = result.summary.get("limit_cycle")
+    if cycle:
+        rows.append((cycle["verdict"] == "period-1",
+                     f"scaled distance to the limit cycle {cycle['distance']:.1e} after {cycle['beats']} beats"))
+    mismatch = result.summary["audits"].get("volume_mismatch_mL")
+    if mismatch is not None:
+        rows.append((mismatch < 1e-3, f"volumes of walls and of the blood in them differ by at most {mismatch:.1e} mL"))
+    steps, newton = result.solver.get("steps"), result.solver.get("newton_iterations")
+    if steps and newton is not None:
+        rows.append((None, f"Newton iterations of the coupled heart: {newton:.0f} in the last beat, {newton / steps:.2f} a step"))
+    counts = {key: figure["value"] for key, figure in wall.figures.items()}
+    own_steps = counts.get("steps")
+    if own_steps and "tangents" in counts and "residuals" in counts:
+        rows.append((None, f"mechanics: {counts['tangents'] / own_steps:.2f} tangents and {counts['residuals'] / own_steps:.2f} "
+                           "further residuals a step"))
+    if counts.get("solves") and "solver_iterations" in counts:
+        rows.append((None, f"mechanics: {counts['solver_iterations'] / counts['solves']:.1f} iterations a linear system"))
+    if counts.get("electrophysiology_steps") and "electrophysiology_iterations" in counts:
+        rows.append((None, f"electrophysiology: {counts['electrophysiology_iterations'] / counts['electrophysiology_steps']:.1f} "
+                           "iterations a linear system"))
+    for key, text in (("rejected_steps", "steps repeated in halves"), ("halved_updates", "Newton updates cut back")):
+        if key in counts:
+            rows.append((counts[key] == 0, f"{text}: {counts[key]:.0f}"))
+    items = "".join(f"<li>{_mark(good)}{text}</li>" for good, text in rows)
+    return f"<ul>{items}</ul>"
+
+
+def _mark(good):
+    return "" if good is None else f"<span class='{'good' if good else 'flag'}'>{'good' if good else 'look'}</span> "
