@@ -49,8 +49,8 @@ def write_report(fit: Fit, path: str | os.PathLike[str], title: str = "Calibrati
         f"<p class='verdict'>{html.escape(fit.message)} Cost {fit.cost:.4g} after {fit.solves} limit cycles and "
         f"{fit.gradients} gradients, {fit.seconds:.1f} s; {fit.failures} points without a limit cycle.</p>",
         "<h2>Parameters</h2>",
-        page._table(["parameter", "value", "95 % interval", "bounds", "unit"], parameters),
-        "<h2>Targets</h2>", page._table(["output", "value", "wanted", "residual, sd"], targets),
+        page.table(["parameter", "value", "95 % interval", "bounds", "unit"], parameters),
+        "<h2>Targets</h2>", page.table(["output", "value", "wanted", "residual, sd"], targets),
         "<h2>What is known, and what is not</h2>", f"<pre>{html.escape(str(explained))}</pre></body></html>"])
     target_path = Path(path)
     beside = target_path.with_name(target_path.name + ".part")

@@ -234,6 +234,7 @@ void HeartRun::resume(const std::filesystem::path& path) {
 }
 
 void HeartRun::checkpoint(const std::filesystem::path& path) {
+  collect_wall_figures();
   const std::vector<double> state = driver_->save();
   write(path, state);
   // What goes on is what a resumed run would go on with, bit for bit: also without the warm starts.

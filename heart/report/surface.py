@@ -74,6 +74,7 @@ def split_at(patches, levels):
     parts = [patches.take(~patches.coloured)]
     rest = patches.take(patches.coloured)
     for level in levels:
+        parts.append(rest.take((rest.values() == level).all(axis=1)))
         parts.append(above(rest, level - rest.values()))
         rest = above(rest, rest.values() - level)
     return joined([*parts, rest])

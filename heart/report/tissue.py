@@ -172,7 +172,8 @@ def activation_map(wall):
     activation = last.field("activation_s")
     if len(activation) != len(body.points):
         raise BrokenFields("the frames are of different meshes")
-    views = body.of_myocardium(1e3 * activation, body.middle())
+    body.points = body.points - body.middle()  # so that all cameras look at the middle
+    views = body.of_myocardium(1e3 * activation, np.zeros(3))
     for layers, *_ in views:
         for patches in layers:
             # A time of -1 s: not activated; no colour can be told between it and a true time.
@@ -336,6 +337,7 @@ def lead_chart(wall):
             axis.axhline(0, color="0.8", lw=0.6, zorder=0)
             axis.plot(t, wall.traces[key], color="black", lw=1.3)
             axis.set_ylabel(names[number - 1] if len(names) == len(leads) else f"lead {number}", rotation=0, ha="right", va="center")
+            axis.yaxis.set_label_coords(-0.075, 0.5)
             axis.locator_params(axis="y", nbins=3)
             shade_phases(axis, wall.result)
         axes[-1].set_xlabel("time [ms]")

@@ -1,5 +1,5 @@
-// Published problems on meshes small enough for every day; the long ones are of the nightly set. Numbers and their
-// sources: tissue_benchmarks.md.
+// Published problems on meshes small enough for every day; the long ones are of the nightly set. Numbers and
+// their sources: tissue_benchmarks.md.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <wiggers/tissue/benchmarks.hpp>
@@ -53,7 +53,7 @@ TEST_CASE("beam: quadratic tetrahedra give the values of an independent code") {
   CHECK(stiff.tip_mm[2] == Approx(4.0428).epsilon(5e-3));
   settings.bulk_kPa = 50;
   const BeamResult soft = beam(settings, MPI_COMM_SELF);
-  CHECK(soft.tip_mm[2] == Approx(4.1361).epsilon(5e-3));  // the same mesh
+  CHECK(soft.tip_mm[2] == Approx(4.1361).epsilon(5e-3));   // the same mesh
   CHECK(soft.tip_mm[2] == Approx(4.194).epsilon(1.4e-2));  // converged
   for (const BeamResult& r : {stiff, soft}) {
     // The tetrahedra have no plane of symmetry y = 0.5; the beam has.

@@ -40,8 +40,8 @@ inline std::vector<double> random_numbers(std::size_t n, double size, unsigned s
 }
 
 // A box with every vertex moved by up to `share` of the spacing, tags of the sides kept.
-inline TetMesh rough_box(const std::array<double, 3>& lengths, const std::array<int, 3>& n, double share = 0.15,
-                         unsigned seed = 1) {
+inline TetMesh rough_box(const std::array<double, 3>& lengths, const std::array<int, 3>& n,
+                         double share = 0.15, unsigned seed = 1) {
   TetMesh mesh = box_mesh({uniform(lengths[0], n[0]), uniform(lengths[1], n[1]), uniform(lengths[2], n[2])});
   const auto shift = random_numbers(3 * mesh.points.size(), share, seed);
   for (std::size_t p = 0; p < mesh.points.size(); ++p)

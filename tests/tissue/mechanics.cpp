@@ -124,7 +124,8 @@ TEST_CASE("affine patch test: the inside follows a boundary moved affinely") {
       for (int node = 0; node < space.n_local; ++node)
         if (!outside[node]) {
           ++n_inside;
-          for (std::size_t i = 0; i < 3; ++i) d[3 * static_cast<std::size_t>(node) + i] += noise[3 * static_cast<std::size_t>(node) + i];
+          for (std::size_t i = 0; i < 3; ++i)
+            d[3 * static_cast<std::size_t>(node) + i] += noise[3 * static_cast<std::size_t>(node) + i];
         }
       REQUIRE(n_inside > (element.order == 1 ? 7 : 100));
       REQUIRE(difference(d, exact) > 5e-5);
@@ -173,7 +174,8 @@ TEST_CASE("the residual of an affine motion is its boundary work") {
               v[i] = p[k];
               return v;
             });
-            CHECK(std::abs(inner(mechanics.residual(), virtual_motion) - volume_of(mesh) * P0.m[i][k]) < 1e-10 * scale);
+            CHECK(std::abs(inner(mechanics.residual(), virtual_motion) - volume_of(mesh) * P0.m[i][k]) <
+                  1e-10 * scale);
           }
         // Inside there is no force.
         double inside = 0;
@@ -185,7 +187,9 @@ TEST_CASE("the residual of an affine motion is its boundary work") {
               if (space.vertex[node] == v) boundary[node] = 1;
         for (int node = 0; node < space.n_local; ++node)
           if (space.vertex[node] >= 0 && !boundary[node])
-            for (int i = 0; i < 3; ++i) inside = std::max(inside, std::abs(mechanics.residual()[3 * static_cast<std::size_t>(node) + i]));
+            for (int i = 0; i < 3; ++i)
+              inside =
+                  std::max(inside, std::abs(mechanics.residual()[3 * static_cast<std::size_t>(node) + i]));
         CHECK(inside < 1e-11 * largest(mechanics.residual()));
       }
 }
@@ -268,10 +272,12 @@ TEST_CASE("the tangent is the derivative of the residual") {
   const std::vector<Variant> variants = {
       {"passive", nothing, nullptr, 0, true},
       {"tension", nothing, &tensions, 0, true},
-      {"tension as second Piola-Kirchhoff stress", [](MechanicsSettings& s) { s.normalised_tension = false; }, &tensions, 0, true},
+      {"tension as second Piola-Kirchhoff stress", [](MechanicsSettings& s) { s.normalised_tension = false; },
+       &tensions, 0, true},
       {"tension and stiffness along the fibre", [](MechanicsSettings& s) { s.n_n = 0; }, &stiff, 0, true},
       {"tension and stiffness", nothing, &stiff},
-      {"tension and stiffness, second Piola-Kirchhoff", [](MechanicsSettings& s) { s.normalised_tension = false; }, &stiff},
+      {"tension and stiffness, second Piola-Kirchhoff",
+       [](MechanicsSettings& s) { s.normalised_tension = false; }, &stiff},
       {"tension along three directions", [](MechanicsSettings& s) { s.n_s = 0.2; }, &stiff},
       {"pressures", surfaces},
       {"springs", robin, nullptr, 0, true},
@@ -309,10 +315,12 @@ TEST_CASE("the tangent is the derivative of the residual") {
               if (facet.tag == support.tag) {
                 const NodeSpace& space = mechanics.nodes();
                 const auto nodes = space.nodes_of(facet.cell);
-                const Point3 &a = space.points[nodes[facet.corner[0]]], &b = space.points[nodes[facet.corner[1]]],
+                const Point3 &a = space.points[nodes[facet.corner[0]]],
+                             &b = space.points[nodes[facet.corner[1]]],
                              &c = space.points[nodes[facet.corner[2]]];
                 for (int node : nodes)
-                  if (std::abs(dot(space.points[node] - a, cross(b - a, c - a))) < 1e-12 * std::pow(norm(b - a), 3))
+                  if (std::abs(dot(space.points[node] - a, cross(b - a, c - a))) <
+                      1e-12 * std::pow(norm(b - a), 3))
                     for (std::size_t i = 0; i < 3; ++i) held[3 * static_cast<std::size_t>(node) + i] = 1;
               }
         check_tangent(mechanics, Numbers(settings.surfaces.size(), 3e3), held);
@@ -338,7 +346,8 @@ TEST_CASE("a rigid motion keeps the volume of a closed surface and stresses noth
     mechanics.displacement() = by_position(mechanics.nodes(), affine(some_F));
     const double stretched = mechanics.assemble(Numbers{0}, false).residual;
     CHECK(balance.residual < 1e-11 * stretched);
-    CHECK(mechanics.assemble(Numbers{0}, false).volumes_m3[0] == Approx(determinant(some_F) * before).epsilon(1e-12));
+    CHECK(mechanics.assemble(Numbers{0}, false).volumes_m3[0] ==
+          Approx(determinant(some_F) * before).epsilon(1e-12));
   }
 }
 
@@ -363,7 +372,8 @@ TEST_CASE("the load of a pressure is minus the derivative of the volume") {
     // The residual has p times the load.
     const Numbers without = mechanics.residual(), load = mechanics.load(0);
     mechanics.assemble(Numbers{700}, false);
-    CHECK(difference(mechanics.residual(), sum_of(without, 700, load)) < 1e-12 * largest(mechanics.residual()));
+    CHECK(difference(mechanics.residual(), sum_of(without, 700, load)) <
+          1e-12 * largest(mechanics.residual()));
   }
 }
 
@@ -412,7 +422,9 @@ TEST_CASE("inertia and dashpots have the mass and area of the body") {
     settings.supports = {support};
     Mechanics mechanics(partition, nullptr, settings);
     const Vector3 now = {3e-4, -1e-4, 2e-4}, last = {1e-4, 2e-4, 0}, before = {-1e-4, 1e-4, 5e-5};
-    const auto uniform_shift = [&](const Vector3& d) { return by_position(mechanics.nodes(), [=](const Point3&) { return d; }); };
+    const auto uniform_shift = [&](const Vector3& d) {
+      return by_position(mechanics.nodes(), [=](const Point3&) { return d; });
+    };
     mechanics.displacement() = uniform_shift(now);
     mechanics.last_displacement() = uniform_shift(last);
     mechanics.displacement_before_last() = uniform_shift(before);
@@ -437,14 +449,17 @@ TEST_CASE("inertia and dashpots have the mass and area of the body") {
 }
 
 TEST_CASE("normal springs do not resist sliding") {
-  const Partition partition(shared(box_mesh({uniform(0.01, 2), uniform(0.01, 2), uniform(0.01, 2)})), MPI_COMM_SELF);
+  const Partition partition(shared(box_mesh({uniform(0.01, 2), uniform(0.01, 2), uniform(0.01, 2)})),
+                            MPI_COMM_SELF);
   MechanicsSettings settings = settings_of(elements[1], UsykLaw3{});
   Support support;
   support.tag = 4;  // y+
   support.normal_stiffness = 1e5;
   settings.supports = {support};
   Mechanics mechanics(partition, nullptr, settings);
-  mechanics.displacement() = by_position(mechanics.nodes(), [](const Point3&) { return Vector3{1e-4, 2e-4, 3e-4}; });
+  mechanics.displacement() = by_position(mechanics.nodes(), [](const Point3&) {
+    return Vector3{1e-4, 2e-4, 3e-4};
+  });
   mechanics.assemble({}, false);
   Vector3 force{};
   for (std::size_t k = 0; k < mechanics.residual().size(); ++k) force[k % 3] += mechanics.residual()[k];
@@ -462,7 +477,8 @@ TEST_CASE("deformation of the cells is measured along their fibres") {
     Mechanics mechanics(partition, &fibres, settings_of(element, UsykLaw3{}));
     mechanics.displacement() = by_position(mechanics.nodes(), affine(some_F));
     for (const auto& cell : mechanics.cell_deformation()) {
-      for (int k = 0; k < 3; ++k) CHECK(cell[k] == Approx(square(stretch(Matrix(some_F * R), k))).epsilon(1e-12));
+      for (int k = 0; k < 3; ++k)
+        CHECK(cell[k] == Approx(square(stretch(Matrix(some_F * R), k))).epsilon(1e-12));
       CHECK(cell[3] == Approx(determinant(some_F)).epsilon(1e-12));
     }
     // One vertex pushed through its neighbours: the cell is found.
@@ -475,8 +491,9 @@ TEST_CASE("deformation of the cells is measured along their fibres") {
     const auto& corners = mesh.cells[static_cast<std::size_t>(cell)];
     CHECK(std::count(corners.begin(), corners.end(), 13) == 1);
     const Point3 centre = cell_centre(mesh, static_cast<std::size_t>(cell));
-    CHECK(mechanics.place_of_cell(cell) == fmt::format("tetrahedron {} (volume tag 1) at ({:.1f}, {:.1f}, {:.1f}) mm", cell,
-                                                       1e3 * centre[0], 1e3 * centre[1], 1e3 * centre[2]));
+    CHECK(mechanics.place_of_cell(cell) ==
+          fmt::format("tetrahedron {} (volume tag 1) at ({:.1f}, {:.1f}, {:.1f}) mm", cell, 1e3 * centre[0],
+                      1e3 * centre[1], 1e3 * centre[2]));
   }
 }
 
@@ -501,7 +518,8 @@ TEST_CASE("a turned body is deformed in the turned way") {
       EquilibriumSettings numerics;
       numerics.relative_tolerance = 1e-10;
       find_equilibrium(
-          mechanics, [](double s) { return Numbers{150 * s}; }, numerics, [&](double s) {
+          mechanics, [](double s) { return Numbers{150 * s}; }, numerics,
+          [&](double s) {
             CellTension one;
             one.tension.fill(800 * s);
             return std::vector(partition.cells().size(), one);
@@ -547,7 +565,11 @@ struct Shell {
     EquilibriumSettings numerics;
     numerics.relative_tolerance = tolerance;
     return find_equilibrium(
-        mechanics, [=](double s) { return Numbers{0, from + s * (to - from)}; }, numerics);
+        mechanics,
+        [=](double s) {
+          return Numbers{0, from + s * (to - from)};
+        },
+        numerics);
   }
 };
 
@@ -641,8 +663,9 @@ TEST_CASE("volume control that fails says where and leaves the last good state")
   const double empty = shell.volume(0);
   CHECK_THROWS_AS(inflate_to_volume(shell.mechanics, 1, 1e6 * empty, {0, 0}), NumericalFailure);
   CHECK(shell.mechanics.smallest_volume_ratio(shell.mechanics.displacement()).first > 0);
-  CHECK_THROWS_WITH(inflate_to_volume(shell.mechanics, 1, 1e6 * empty, {0, 0}),
-                    Contains("volume control: stopped at") && Contains("tetrahedron ") && Contains("(volume tag 1)"));
+  CHECK_THROWS_WITH(
+      inflate_to_volume(shell.mechanics, 1, 1e6 * empty, {0, 0}),
+      Contains("volume control: stopped at") && Contains("tetrahedron ") && Contains("(volume tag 1)"));
 }
 
 TEST_CASE("missing materials and surfaces are refused by their tags") {
@@ -650,14 +673,17 @@ TEST_CASE("missing materials and surfaces are refused by their tags") {
   mesh.cell_tags[3] = mesh_tags::pulmonary_trunk;
   const Partition partition(shared(mesh), MPI_COMM_SELF);
   MechanicsSettings settings = settings_of(elements[0], UsykLaw3{});
-  CHECK_THROWS_WITH(Mechanics(partition, nullptr, settings), Contains("no material") && Contains("volume tag 8"));
+  CHECK_THROWS_WITH(Mechanics(partition, nullptr, settings),
+                    Contains("no material") && Contains("volume tag 8"));
   CHECK_THROWS_AS(Mechanics(partition, nullptr, settings), InputError);
   settings.materials.push_back({mesh_tags::pulmonary_trunk, NeoHookean{}});
   CHECK_NOTHROW(Mechanics(partition, nullptr, settings));
   settings.surfaces = {{24, {}}};
-  CHECK_THROWS_WITH(Mechanics(partition, nullptr, settings), Contains("surface tag 24") && Contains("pressure"));
+  CHECK_THROWS_WITH(Mechanics(partition, nullptr, settings),
+                    Contains("surface tag 24") && Contains("pressure"));
   settings.surfaces.clear();
   settings.supports = {fixed_side(31)};
-  CHECK_THROWS_WITH(Mechanics(partition, nullptr, settings), Contains("surface tag 31") && Contains("support"));
+  CHECK_THROWS_WITH(Mechanics(partition, nullptr, settings),
+                    Contains("surface tag 31") && Contains("support"));
   CHECK_THROWS_AS(Mechanics(partition, nullptr, settings), InputError);
 }

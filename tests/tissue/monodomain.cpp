@@ -56,7 +56,8 @@ double l2_error(const Partition& partition, const Monodomain& monodomain, const 
     for (const auto& q : tetrahedron_quadrature(5)) {
       const auto shape = shape_values<4>(space.order, q.at);
       double u = 0;
-      for (std::size_t a = 0; a < nodes.size(); ++a) u += shape.value[a] * monodomain.potential_mV()[nodes[a]];
+      for (std::size_t a = 0; a < nodes.size(); ++a)
+        u += shape.value[a] * monodomain.potential_mV()[nodes[a]];
       Point3 x{};
       for (int v = 0; v < 4; ++v)
         for (int i = 0; i < 3; ++i) x[i] += q.at[v] * mesh.points[mesh.cells[file][v]][i];
@@ -83,7 +84,8 @@ TEST_CASE("a manufactured monodomain solution converges with order 3 and 2 in sp
   for (int order : {1, 2}) {
     std::vector<double> errors;
     for (int n : order == 1 ? std::vector{5, 10, 20} : std::vector{3, 6, 12}) {
-      const Partition partition(shared(box_mesh({uniform(1, n), uniform(1, n), uniform(1, n)})), MPI_COMM_SELF);
+      const Partition partition(shared(box_mesh({uniform(1, n), uniform(1, n), uniform(1, n)})),
+                                MPI_COMM_SELF);
       Monodomain monodomain(partition, nullptr, precise(order, 1e-4), {region_of(quick)}, {});
       monodomain.prescribe(manufactured, 0, 1e-4, manufactured_source);
       monodomain.advance(0, 2e-3);
@@ -107,7 +109,9 @@ TEST_CASE("a manufactured monodomain solution converges with order 2 in time") {
   const std::vector<double> steps_s = {1e-3, 5e-4, 2.5e-4, 1.25e-4};
   // The same everywhere: no error in space.
   const Field flat = [](const Point3&, double t) { return 40 * std::cos(t / decay_s); };
-  const auto flat_source = [](const Point3&, double t) { return -1e-3 * 40 / decay_s * std::sin(t / decay_s); };
+  const auto flat_source = [](const Point3&, double t) {
+    return -1e-3 * 40 / decay_s * std::sin(t / decay_s);
+  };
   std::vector<double> errors;
   for (double tau_s : steps_s) {
     const Partition partition(shared(box_mesh({uniform(1, 1), uniform(1, 1), uniform(1, 1)})), MPI_COMM_SELF);
@@ -118,8 +122,8 @@ TEST_CASE("a manufactured monodomain solution converges with order 2 in time") {
   }
   CAPTURE(errors, orders_of(errors));
   CHECK(orders_of(errors).back() == Approx(2).margin(0.05));
-  // With conduction: differences between runs on one mesh, from which the error in space drops out but for what it
-  // does to the first step.
+  // With conduction: differences between runs on one mesh, from which the error in space drops out but for
+  // what it does to the first step.
   std::vector<std::vector<double>> results;
   std::vector<double> differences;
   const Partition partition(shared(box_mesh({uniform(1, 6), uniform(1, 6), uniform(1, 6)})), MPI_COMM_SELF);
@@ -138,7 +142,9 @@ TEST_CASE("anisotropic conduction turns with the tissue") {
   const TetMesh mesh = rough_box({0.02, 0.015, 0.01}, {4, 3, 2});
   const Matrix R = rotation(0.9);
   const Conductivity conductivity = {2e-4, 1e-4, 0.3e-4};
-  const auto hill = [](const Point3& x, double) { return 50 * std::cos(200 * x[0]) * std::cos(150 * x[1] + 1) * std::cos(300 * x[2]); };
+  const auto hill = [](const Point3& x, double) {
+    return 50 * std::cos(200 * x[0]) * std::cos(150 * x[1] + 1) * std::cos(300 * x[2]);
+  };
   for (int order : {1, 2}) {
     std::vector<std::vector<double>> results;
     for (const bool turned : {false, true}) {
@@ -147,7 +153,9 @@ TEST_CASE("anisotropic conduction turns with the tissue") {
       const Matrix own = rotation(-0.5);
       FibreField fibres = twisted_fibres(mesh, 60, turned ? R * own : own);
       Monodomain monodomain(partition, &fibres, precise(order, 1e-4), {region_of(conductivity)}, {});
-      const auto field = [&](const Point3& x, double t) { return hill(turned ? times(transpose(R), x) : x, t); };
+      const auto field = [&](const Point3& x, double t) {
+        return hill(turned ? times(transpose(R), x) : x, t);
+      };
       monodomain.prescribe(field, 0, 1e-4, no_source);
       monodomain.advance(0, 5e-3);
       results.push_back(potential(partition, monodomain));
@@ -161,15 +169,19 @@ TEST_CASE("constant fibres along no axis act as axes of the turned mesh") {
   const TetMesh mesh = rough_box({0.02, 0.015, 0.01}, {4, 3, 2});
   const Matrix R = rotation(0.9);
   const Conductivity conductivity = {2e-4, 1e-4, 0.3e-4};
-  const auto hill = [](const Point3& x, double) { return 50 * std::cos(200 * x[0]) * std::cos(150 * x[1] + 1); };
+  const auto hill = [](const Point3& x, double) {
+    return 50 * std::cos(200 * x[0]) * std::cos(150 * x[1] + 1);
+  };
   std::vector<std::vector<double>> results;
   for (const bool turned : {false, true}) {
     const TetMesh body = turned ? moved(mesh, R) : mesh;
     const Partition partition(shared(body), MPI_COMM_SELF);
     const FibreField fibres = twisted_fibres(body, 0, R);
-    Monodomain monodomain(partition, turned ? &fibres : nullptr, precise(2, 1e-4), {region_of(conductivity)}, {});
+    Monodomain monodomain(partition, turned ? &fibres : nullptr, precise(2, 1e-4), {region_of(conductivity)},
+                          {});
     monodomain.prescribe(
-        [&](const Point3& x, double t) { return hill(turned ? times(transpose(R), x) : x, t); }, 0, 1e-4, no_source);
+        [&](const Point3& x, double t) { return hill(turned ? times(transpose(R), x) : x, t); }, 0, 1e-4,
+        no_source);
     monodomain.advance(0, 5e-3);
     results.push_back(potential(partition, monodomain));
   }
@@ -179,8 +191,11 @@ TEST_CASE("constant fibres along no axis act as axes of the turned mesh") {
 TEST_CASE("deformed tissue conducts as a deformed mesh does") {
   const TetMesh mesh = rough_box({0.02, 0.015, 0.01}, {4, 3, 2});
   const Conductivity conductivity = {2e-4, 1e-4, 0.3e-4};
-  const auto hill = [](const Point3& x, double) { return 50 * std::cos(200 * x[0]) * std::cos(150 * x[1] + 1) * std::cos(300 * x[2]); };
-  const auto run = [&](const TetMesh& body, const Conductivity& sigma, const Vector3& stretches, const Field& start) {
+  const auto hill = [](const Point3& x, double) {
+    return 50 * std::cos(200 * x[0]) * std::cos(150 * x[1] + 1) * std::cos(300 * x[2]);
+  };
+  const auto run = [&](const TetMesh& body, const Conductivity& sigma, const Vector3& stretches,
+                       const Field& start) {
     const Partition partition(shared(body), MPI_COMM_SELF);
     Monodomain monodomain(partition, nullptr, precise(2, 1e-4), {region_of(sigma)}, {});
     const std::array<double, 4> one = {square(stretches[0]), square(stretches[1]), square(stretches[2]),
@@ -218,8 +233,9 @@ TEST_CASE("what touches nothing and what is not named is refused") {
   };
   Stimulus away;
   away.centre = {0.05, -0.02, 0};
-  CHECK_THROWS_WITH(make({region_of(conductivity)}, {away}),
-                    Contains("stimulus") && Contains("(50.00, -20.00, 0.00) mm") && Contains("touches no node"));
+  CHECK_THROWS_WITH(make({region_of(conductivity)}, {away}), Contains("stimulus") &&
+                                                                 Contains("(50.00, -20.00, 0.00) mm") &&
+                                                                 Contains("touches no node"));
   CHECK_THROWS_AS(make({region_of(conductivity)}, {away}), InputError);
   CHECK_THROWS_WITH(make({}, {}), Contains("volume tag 1"));
   CHECK_THROWS_WITH(make({region_of(conductivity, {1, 3})}, {}), Contains("volume tag 3"));
@@ -271,7 +287,8 @@ TEST_CASE("excitation runs along a strip in order") {
   for (int k = 0; k < space.n_own; ++k) {
     const Point3& p = space.points[k];
     REQUIRE(strip.monodomain.activation_s()[k] >= 0);
-    if (p[1] == 0 && p[2] == 0 && space.vertex[k] >= 0) along.emplace_back(p[0], strip.monodomain.activation_s()[k]);
+    if (p[1] == 0 && p[2] == 0 && space.vertex[k] >= 0)
+      along.emplace_back(p[0], strip.monodomain.activation_s()[k]);
   }
   std::sort(along.begin(), along.end());
   REQUIRE(along.size() == 21);
@@ -286,7 +303,8 @@ TEST_CASE("excitation runs along a strip in order") {
   CHECK(strip.monodomain.state("Ca_i")[0] == Approx(1e-3 * calcium[0]));
   CHECK(largest(strip.monodomain.state("no such state")) == 0);
   strip.monodomain.forget_activation();
-  CHECK(*std::max_element(strip.monodomain.activation_s().begin(), strip.monodomain.activation_s().end()) < 0);
+  CHECK(*std::max_element(strip.monodomain.activation_s().begin(), strip.monodomain.activation_s().end()) <
+        0);
 }
 
 TEST_CASE("nothing of the excitation is in tissue that does not conduct") {

@@ -1,4 +1,5 @@
-// What must not depend on the number of processes. Run on 1, 2 and 3 ranks; every rank checks the same numbers.
+// What must not depend on the number of processes. Run on 1, 2 and 3 ranks; every rank checks the same
+// numbers.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -54,8 +55,10 @@ TEST_CASE("nodes are numbered without gaps whatever the partition", "[ranks]") {
       CHECK(partition.sum(space.n_own) == space.n_global);
       CHECK(space.n_global == reference.n_global);
       // Each number in the file's order once; with the right point.
-      std::vector<double> own(space.n_own, 1.0), points(3 * static_cast<std::size_t>(space.n_own)), vertex(space.n_own);
-      std::vector<double> reference_points(3 * static_cast<std::size_t>(reference.n_own)), reference_vertex(reference.n_own);
+      std::vector<double> own(space.n_own, 1.0), points(3 * static_cast<std::size_t>(space.n_own)),
+          vertex(space.n_own);
+      std::vector<double> reference_points(3 * static_cast<std::size_t>(reference.n_own)),
+          reference_vertex(reference.n_own);
       const auto copy = [](const NodeSpace& from, std::vector<double>& p, std::vector<double>& v) {
         for (int k = 0; k < from.n_own; ++k) {
           for (int i = 0; i < 3; ++i) p[3 * static_cast<std::size_t>(k) + i] = from.points[k][i];
@@ -66,16 +69,20 @@ TEST_CASE("nodes are numbered without gaps whatever the partition", "[ranks]") {
       copy(reference, reference_points, reference_vertex);
       const auto all = partition.gather(space, own.data(), 1);
       CHECK(std::count(all.begin(), all.end(), 1.0) == space.n_global);
-      CHECK(partition.gather(space, points.data(), 3) == serial.gather(reference, reference_points.data(), 3));
-      CHECK(partition.gather(space, vertex.data(), 1) == serial.gather(reference, reference_vertex.data(), 1));
+      CHECK(partition.gather(space, points.data(), 3) ==
+            serial.gather(reference, reference_points.data(), 3));
+      CHECK(partition.gather(space, vertex.data(), 1) ==
+            serial.gather(reference, reference_vertex.data(), 1));
       // Local numbers are complete: every node of an own cell is there, ghosts belong to others.
       bool good = true;
       for (std::size_t c = 0; c < partition.cells().size(); ++c)
         if (!conductive_only || mesh_tags::conductive(mesh->cell_tags[partition.cells()[c]]))
-          for (int node : space.nodes_of(static_cast<int>(c))) good = good && node >= 0 && node < space.n_local;
+          for (int node : space.nodes_of(static_cast<int>(c)))
+            good = good && node >= 0 && node < space.n_local;
         else
           good = good && !space.has(static_cast<int>(c));
-      for (int ghost : space.ghosts) good = good && (ghost < space.first || ghost >= space.first + space.n_own);
+      for (int ghost : space.ghosts)
+        good = good && (ghost < space.first || ghost >= space.first + space.n_own);
       const std::set<int> different(space.file_index.begin(), space.file_index.end());
       good = good && different.size() == static_cast<std::size_t>(space.n_local) && *different.begin() >= 0;
       CHECK(everywhere(partition, good));
@@ -100,9 +107,10 @@ TEST_CASE("every cell around an own node is at hand", "[ranks]") {
     if (facet.cell >= partition.n_own_cells()) continue;
     ++count;
     const auto& v = mesh->cells[partition.cells()[facet.cell]];
-    const Point3 area = triangle_area_vector(mesh->points[v[facet.corner[0]]], mesh->points[v[facet.corner[1]]],
-                                             mesh->points[v[facet.corner[2]]]);
-    good = good && norm(area - facet_area_vector(*mesh, static_cast<std::size_t>(facet.facet))) < 1e-12 * norm(area);
+    const Point3 area = triangle_area_vector(
+        mesh->points[v[facet.corner[0]]], mesh->points[v[facet.corner[1]]], mesh->points[v[facet.corner[2]]]);
+    good = good &&
+           norm(area - facet_area_vector(*mesh, static_cast<std::size_t>(facet.facet))) < 1e-12 * norm(area);
     good = good && facet.tag == mesh->facet_tags[facet.facet];
     sum = sum + area;
   }
@@ -138,7 +146,8 @@ TEST_CASE("values gather and scatter and ghosts follow their owners", "[ranks]")
     numbers.push_back(-1);
   }
   const auto cells = partition.gather_cells(numbers.data(), 2);
-  for (std::size_t c = 0; c < partition.mesh().cells.size(); ++c) CHECK(cells[2 * c] == static_cast<double>(c));
+  for (std::size_t c = 0; c < partition.mesh().cells.size(); ++c)
+    CHECK(cells[2 * c] == static_cast<double>(c));
 }
 
 namespace {
@@ -175,8 +184,8 @@ void assemble_mass(NodeMatrix& matrix) {
 }
 
 // The same product from the mesh itself, in the file's order, on every rank.
-std::vector<double> mass_product(const Partition& serial, int order, bool conductive_only, const std::vector<double>& x,
-                                 int components) {
+std::vector<double> mass_product(const Partition& serial, int order, bool conductive_only,
+                                 const std::vector<double>& x, int components) {
   const NodeSpace space = serial.make_nodes(order, conductive_only);
   std::vector<double> y(x.size(), 0.0);
   for (std::size_t c = 0; c < serial.cells().size(); ++c) {
@@ -190,7 +199,8 @@ std::vector<double> mass_product(const Partition& serial, int order, bool conduc
           for (int i = 0; i < components; ++i)
             for (int j = 0; j < components; ++j)
               y[static_cast<std::size_t>(space.file_index[nodes[a]]) * components + i] +=
-                  q.weight * volume * shape.value[a] * shape.value[b] * (components == 1 ? 1 : coupling[i][j]) *
+                  q.weight * volume * shape.value[a] * shape.value[b] *
+                  (components == 1 ? 1 : coupling[i][j]) *
                   x[static_cast<std::size_t>(space.file_index[nodes[b]]) * components + j];
     }
   }
@@ -213,7 +223,8 @@ TEST_CASE("matrices multiply alike on any number of ranks", "[ranks]") {
   for (int order : {1, 2})
     for (bool conductive_only : {false, true})
       for (int components : {1, 3}) {
-        INFO(fmt::format("P{}, {} components, {}", order, components, conductive_only ? "conductive" : "all"));
+        INFO(
+            fmt::format("P{}, {} components, {}", order, components, conductive_only ? "conductive" : "all"));
         const NodeSpace space = partition.make_nodes(order, conductive_only);
         NodeMatrix matrix(partition, space, components);
         assemble_mass(matrix);
@@ -223,7 +234,8 @@ TEST_CASE("matrices multiply alike on any number of ranks", "[ranks]") {
         Partition::scatter(space, x, local.data(), components);
         matrix.multiply(local.data(), y.data());
         const auto expected = mass_product(serial, order, conductive_only, x, components);
-        CHECK(difference(partition.gather(space, y.data(), components), expected) < 1e-13 * largest(expected));
+        CHECK(difference(partition.gather(space, y.data(), components), expected) <
+              1e-13 * largest(expected));
         if (components == 1) {
           std::fill(local.begin(), local.end(), 1.0);
           matrix.multiply(local.data(), y.data());
@@ -237,18 +249,20 @@ TEST_CASE("every solver solves on any number of ranks", "[ranks]") {
   const auto mesh = block();
   const Partition partition(mesh, MPI_COMM_WORLD);
   for (int components : {1, 3})
-    for (SolverKind kind : {SolverKind::cg_jacobi, SolverKind::cg_ilu, SolverKind::gmres_ilu, SolverKind::gmres_gamg,
-                            SolverKind::direct}) {
+    for (SolverKind kind : {SolverKind::cg_jacobi, SolverKind::cg_ilu, SolverKind::gmres_ilu,
+                            SolverKind::gmres_gamg, SolverKind::direct}) {
       const bool symmetric_only = kind == SolverKind::cg_jacobi || kind == SolverKind::cg_ilu;
       if (components == 3 && symmetric_only) continue;
-      if (components == 1 && kind == SolverKind::gmres_gamg) continue;  // its rigid-body modes are of mechanics
+      if (components == 1 && kind == SolverKind::gmres_gamg)
+        continue;  // its rigid-body modes are of mechanics
       INFO(fmt::format("{}, {} components", solver_kind_names[static_cast<int>(kind)], components));
       const NodeSpace space = partition.make_nodes(2, false);
       NodeMatrix matrix(partition, space, components);
       assemble_mass(matrix);
       LinearSolver solver(matrix, kind);
       const auto size = static_cast<std::size_t>(space.n_own) * components;
-      std::vector<double> wanted = random_numbers(static_cast<std::size_t>(space.n_global) * components, 1, 5);
+      std::vector<double> wanted =
+          random_numbers(static_cast<std::size_t>(space.n_global) * components, 1, 5);
       std::vector<double> exact(static_cast<std::size_t>(space.n_local) * components), b(size), x(size, 0.0);
       Partition::scatter(space, wanted, exact.data(), components);
       matrix.multiply(exact.data(), b.data());
@@ -260,14 +274,16 @@ TEST_CASE("every solver solves on any number of ranks", "[ranks]") {
       assemble_mass(matrix);
       matrix.set_zero();
       for (int node = 0; node < space.n_own; ++node)
-        for (int i = 0; i < components; ++i) matrix.block(matrix.diagonal_slot(node))[(components + 1) * i] = 2 + i;
+        for (int i = 0; i < components; ++i)
+          matrix.block(matrix.diagonal_slot(node))[(components + 1) * i] = 2 + i;
       matrix.finish();
       solver.matrix_changed();
       std::fill(x.begin(), x.end(), 0.0);
       CHECK(solver.solve(b.data(), x.data(), 1e-11, 0).converged);
       bool good = true;
       for (std::size_t k = 0; k < size; ++k)
-        good = good && std::abs(x[k] - b[k] / (2 + static_cast<double>(k % components))) <= 1e-10 * largest(b);
+        good =
+            good && std::abs(x[k] - b[k] / (2 + static_cast<double>(k % components))) <= 1e-10 * largest(b);
       CHECK(everywhere(partition, good));
     }
 }
@@ -316,7 +332,9 @@ Excitation excite(MPI_Comm communicator, std::vector<double>* resume = nullptr) 
   const NodeSpace& space = monodomain.nodes();
   return {partition.gather(space, monodomain.potential_mV(), 1),
           partition.gather(space, monodomain.calcium_uM().data(), 1),
-          partition.gather(space, monodomain.activation_s().data(), 1), monodomain.lead({0.05, 0, 0}), {}};
+          partition.gather(space, monodomain.activation_s().data(), 1),
+          monodomain.lead({0.05, 0, 0}),
+          {}};
 }
 
 void check_same(const Excitation& a, const Excitation& b) {
@@ -331,7 +349,8 @@ void check_same(const Excitation& a, const Excitation& b) {
 TEST_CASE("excitation does not depend on the number of ranks", "[ranks]") {
   Excitation together = excite(MPI_COMM_WORLD);
   Excitation alone = excite(MPI_COMM_SELF);
-  CHECK(std::count_if(alone.activation.begin(), alone.activation.end(), [](double t) { return t >= 0; }) > 20);
+  CHECK(std::count_if(alone.activation.begin(), alone.activation.end(), [](double t) { return t >= 0; }) >
+        20);
   check_same(alone, together);
   CHECK(difference(alone.saved, together.saved) < 1e-6 * largest(alone.saved));
   // What many ranks saved goes on in one, and the other way round.
@@ -371,11 +390,16 @@ Deformed deform(MPI_Comm communicator, int order, bool mean, SolverKind solver) 
   numerics.linear_tolerance = 1e-11;
   numerics.first_step = 0.5;
   find_equilibrium(
-      mechanics, [](double s) { return std::vector<double>{100 * s, -60 * s}; }, numerics,
+      mechanics,
+      [](double s) {
+        return std::vector<double>{100 * s, -60 * s};
+      },
+      numerics,
       [&](double s) {
         std::vector<CellTension> tension(partition.cells().size());
         for (std::size_t c = 0; c < tension.size(); ++c)
-          tension[c].tension.fill(s * 300 * (1 + 30 * cell_centre(*mesh, static_cast<std::size_t>(partition.cells()[c]))[1]));
+          tension[c].tension.fill(
+              s * 300 * (1 + 30 * cell_centre(*mesh, static_cast<std::size_t>(partition.cells()[c]))[1]));
         return tension;
       });
   Deformed result;
@@ -402,7 +426,8 @@ TEST_CASE("static mechanics does not depend on the number of ranks", "[ranks]") 
   };
   for (const Case& c : {Case{1, false, SolverKind::direct}, Case{1, false, SolverKind::gmres_gamg},
                         Case{2, true, SolverKind::direct}, Case{2, false, SolverKind::gmres_ilu}}) {
-    INFO(fmt::format("P{}{}, {}", c.order, c.mean ? "/P0" : "", solver_kind_names[static_cast<int>(c.solver)]));
+    INFO(fmt::format("P{}{}, {}", c.order, c.mean ? "/P0" : "",
+                     solver_kind_names[static_cast<int>(c.solver)]));
     const Deformed together = deform(MPI_COMM_WORLD, c.order, c.mean, c.solver);
     const Deformed alone = deform(MPI_COMM_SELF, c.order, c.mean, SolverKind::direct);
     CHECK(largest(alone.d) > 1e-4);
@@ -414,6 +439,31 @@ TEST_CASE("static mechanics does not depend on the number of ranks", "[ranks]") 
   }
 }
 
+TEST_CASE("volumes and loads are whole where ranks own cells but none of their nodes", "[ranks]") {
+  for (const std::array<int, 3>& n :
+       {std::array{2, 1, 1}, std::array{3, 1, 1}, std::array{2, 2, 1}, std::array{2, 2, 2}})
+    for (int order : {1, 2}) {
+      INFO(fmt::format("P{}, {} x {} x {} bricks", order, n[0], n[1], n[2]));
+      TetMesh mesh = rough_box({12e-3, 6e-3, 4e-3}, n);
+      std::fill(mesh.facet_tags.begin(), mesh.facet_tags.end(), 24);
+      double volume = 0;
+      for (std::size_t c = 0; c < mesh.cells.size(); ++c) volume += cell_volume(mesh, c);
+      const Partition partition(shared(mesh), MPI_COMM_WORLD);
+      MechanicsSettings settings;
+      settings.order = order;
+      settings.materials = {{1, UsykLaw3{}}};
+      settings.surfaces = {{24, {}}};
+      Mechanics mechanics(partition, nullptr, settings);
+      CHECK(mechanics.assemble(std::vector<double>{0}, false).volumes_m3[0] ==
+            Approx(-volume).epsilon(1e-12));
+      // b . x = int x . n da.
+      double work = 0;
+      for (std::size_t k = 0; k < mechanics.load(0).size(); ++k)
+        work += mechanics.load(0)[k] * mechanics.nodes().points[k / 3][k % 3];
+      CHECK(partition.sum(work) == Approx(3 * volume).epsilon(1e-12));
+    }
+}
+
 TEST_CASE("a failure on one rank is a failure on all", "[ranks]") {
   int rank = 0, n_ranks = 1;
   MPI_Comm_rank(MPI_COMM_WORLD, &rank);
@@ -421,7 +471,8 @@ TEST_CASE("a failure on one rank is a failure on all", "[ranks]") {
   CHECK_NOTHROW(collectively(MPI_COMM_WORLD, [] {}));
   CHECK_THROWS_WITH(collectively(MPI_COMM_WORLD,
                                  [&] {
-                                   if (rank == n_ranks - 1) throw InputError(fmt::format("no good on rank {}", rank));
+                                   if (rank == n_ranks - 1)
+                                     throw InputError(fmt::format("no good on rank {}", rank));
                                  }),
                     fmt::format("no good on rank {}", n_ranks - 1));
   CHECK_THROWS_AS(collectively(MPI_COMM_WORLD,

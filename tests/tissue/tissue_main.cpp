@@ -1,5 +1,5 @@
-// The tissue's tests, on one process or under mpirun. Ranks above 0 run everything and say nothing; a failure on
-// any of them fails the whole.
+// The tissue's tests, on one process or under mpirun. Ranks above 0 run everything and say nothing; a failure
+// on any of them fails the whole.
 #define CATCH_CONFIG_RUNNER
 #include <mpi.h>
 
