@@ -190,7 +190,7 @@ struct Monodomain::Implementation {
 };
 
 Monodomain::Monodomain(const Partition& partition, const FibreField* fibres, MonodomainSettings settings,
-                       std::vector<IonicRegion> regions, std::vector<Stimulus> stimuli)
+                       std::vector<IonicRegion> regions, std::vector<Stimulus> stimuli, const TetMesh* image)
     : me_(std::make_unique<Implementation>(partition, settings)) {
   auto& me = *me_;
   me.stimuli = std::move(stimuli);
@@ -283,10 +283,20 @@ Monodomain::Monodomain(const Partition& partition, const FibreField* fibres, Mon
   me.f.assign(n, 0);
   me.guess.assign(n, 0);
   me.activation.assign(n, -1);
+  std::vector<Point3> places = space.points;
+  if (image)
+    for (std::size_t c = 0; c < me.cells.size(); ++c) {
+      if (!space.has(static_cast<int>(c))) continue;
+      const auto nodes = space.nodes_of(static_cast<int>(c));
+      const auto& v = image->cells[partition.cells()[c]];
+      for (int k = 0; k < 4; ++k) places[nodes[k]] = image->points[v[k]];
+      for (std::size_t k = 4; k < nodes.size(); ++k)
+        places[nodes[k]] = 0.5 * (image->points[v[tetrahedron_edges[k - 4][0]]] + image->points[v[tetrahedron_edges[k - 4][1]]]);
+    }
   for (const Stimulus& stimulus : me.stimuli) {
     std::vector<int> nodes;
     for (int node = 0; node < space.n_own; ++node)
-      if (stimulus.holds(space.points[node])) nodes.push_back(node);
+      if (stimulus.holds(places[node])) nodes.push_back(node);
     if (partition.sum(static_cast<double>(nodes.size())) == 0)
       throw InputError(fmt::format(
           "electrophysiology: the stimulus at ({:.2f}, {:.2f}, {:.2f}) mm touches no node of the conductive "

@@ -65,8 +65,9 @@ struct MonodomainCost {
 class Monodomain {
  public:
   // Collective. `fibres` may be empty: axes of space. Refuses regions and stimuli that touch nothing.
+  // Stimuli are placed in `image` where one is given: the same mesh with other points, as it was seen under load.
   Monodomain(const Partition& partition, const FibreField* fibres, MonodomainSettings settings,
-             std::vector<IonicRegion> regions, std::vector<Stimulus> stimuli);
+             std::vector<IonicRegion> regions, std::vector<Stimulus> stimuli, const TetMesh* image = nullptr);
   ~Monodomain();
 
   // Conductivities and mass of the deformed tissue: for each local cell |F f0|^2, |F s0|^2, |F n0|^2, J.

@@ -109,7 +109,8 @@ struct TissueWall::Implementation {
     mesh = std::move(unloaded);
     collectively(communicator, [&] { fibres = make_fibres(*mesh); });
     partition = std::make_unique<Partition>(mesh, communicator);
-    monodomain = std::make_unique<Monodomain>(*partition, &fibres, plan.electrophysiology, ionic, plan.stimuli);
+    monodomain = std::make_unique<Monodomain>(*partition, &fibres, plan.electrophysiology, ionic, plan.stimuli,
+                                              image.get());
     activation = std::make_unique<Activation>(*partition, &fibres, force, rate, stabilise, true);
     mechanics = std::make_unique<Mechanics>(*partition, &fibres, mechanics_settings());
     solver = std::make_unique<LinearSolver>(mechanics->matrix(), plan.solver);
@@ -399,7 +400,9 @@ void TissueWall::linearise(const double* pressures, double* volumes, double* dV_
     me.y.assign(right.size(), 0.0);
     me.solve(right, me.y);
   }
-  if (fresh || !me.have_compliance) {
+  // The response to the pressures changes little within a step: once is enough, what it misses is left to the next
+  // iteration.
+  if ((fresh && me.iteration == 0) || !me.have_compliance) {
     for (std::size_t l = 0; l < m; ++l) me.solve(me.mechanics->load(static_cast<int>(l)), me.Y[l]);
     me.have_compliance = true;
   }
