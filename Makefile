@@ -6,6 +6,7 @@
 #   make build       install and build; the command is build/wiggers
 #   make nightly     the long tests: sanitizers, minimal build, formatting, extremes, fuzzing, benchmarks
 #   make trade       measure the tables of docs/trade.md and docs/extremes.md on this machine
+#   make benchmarks-3d  run the published verification problems of the tissue and write docs/benchmarks-3d.md
 #   make reference   write docs/reference from the models' own fact sheets
 #   make format      format the C++ sources
 #   make help        these lines
@@ -98,6 +99,8 @@ nightly: setup
 	  $(BUILD)/wiggers extremes $$s --quiet --beats 1 --seed $$seed > $(BUILD)/extremes.log || { cat $(BUILD)/extremes.log; exit 1; }; done; done
 	@WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) WIGGERS_REFERENCE=none $(PYTHON) -m pytest -q -p no:cacheprovider tests/python/fuzz_scenes.py
 	@$(BUILD)/test_heart "[.nightly]"
+	@$(BUILD)/test_tissue "[.nightly]"
+	@$(MAKE) --no-print-directory benchmarks-3d heartbeat-3d
 	@WIGGERS_NIGHTLY=1 WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) PYTHONPATH=$(CURDIR)/$(BUILD)/python \
 	  $(PYTHON) -m pytest -q -s -p no:cacheprovider tests/python/test_calibration.py -k intervals
 	@$(PYTHON) -m pip install --quiet mpi4py && PYTHONPATH=$(CURDIR)/$(BUILD)/python \
@@ -106,6 +109,11 @@ nightly: setup
 	  cd $(BUILD) && wheel-test/bin/python -c "import wiggers; print(wiggers.Loop().to_limit_cycle())"
 	@$(BUILD)/bench_cells
 	@$(BUILD)/bench_heart
+
+# The published verification problems of the tissue, for docs/benchmarks-3d.md (some minutes).
+benchmarks-3d: tissue
+	@cmake --build $(BUILD) -j $(JOBS) --target wiggers-3d
+	@$(PYTHON) docs/make_benchmarks_3d.py $(BUILD)/wiggers-3d docs $(RANKS)
 
 # The tables of docs/trade.md and docs/extremes.md, measured on this machine (some minutes).
 trade: build

@@ -24,11 +24,12 @@ struct KernelCall {
   const Real* point_constants = nullptr;  // [block][constant][lane], or null: the uniform ones
   // Of steps h (rush-larsen), h/2 (rush-larsen-2) or h/a0 (bdf2-imex: a0 = 3/2, first 1); no rows: none.
   VoltageTableView<Real> table;
-  const Real* lower = nullptr;            // [state]: the range outside which a state is refused
+  const Real* lower = nullptr;  // [state]: the range outside which a state is refused
   const Real* upper = nullptr;
   double h = 0;
   int n_steps = 0;
-  // Integrator "bdf2-imex": one step under a given potential, which stands in the row of the membrane potential.
+  // Integrator "bdf2-imex": one step under a given potential, which stands in the row of the membrane
+  // potential.
   Real* previous = nullptr;  // [block][state][lane]: the states one step earlier
   Real* rates = nullptr;     // [block][lane]: dV/dt of the cell's own currents, written
   bool first = false;        // no history yet: BDF1

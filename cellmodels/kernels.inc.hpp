@@ -162,9 +162,10 @@ template <class Model, class V, template <class, class, bool> class Steps, bool 
   return good;
 }
 
-// One step of the founding paper's scheme for the cells of a tissue, whose potential u* (extrapolated) is given:
-// gates implicitly (they are linear in themselves), everything else explicitly at states extrapolated to the
-// step's end, the rate of the potential with the new gates. Second order; `first`: BDF1 for want of history.
+// One step of the founding paper's scheme for the cells of a tissue, whose potential u* (extrapolated) is
+// given: gates implicitly (they are linear in themselves), everything else explicitly at states extrapolated
+// to the step's end, the rate of the potential with the new gates. Second order; `first`: BDF1 for want of
+// history.
 template <class Model, class V, bool tabulated>
 [[gnu::flatten]] bool run_bdf2(const KernelCall<typename V::Scalar>& call, std::size_t first_block,
                                std::size_t last_block) {
@@ -177,7 +178,8 @@ template <class Model, class V, bool tabulated>
   const FlushSubnormals flush;
   // a0 y^{n+1} = a1 y^n + a2 y^{n-1} + h f, divided by a0; y* = e1 y^n + e2 y^{n-1}.
   const double a0 = call.first ? 1.0 : 1.5;
-  const V now_share(call.first ? 1.0 : 2.0 / a0), before_share(call.first ? 0.0 : -0.5 / a0), step(call.h / a0);
+  const V now_share(call.first ? 1.0 : 2.0 / a0), before_share(call.first ? 0.0 : -0.5 / a0),
+      step(call.h / a0);
   const V now_ahead(call.first ? 1.0 : 2.0), before_ahead(call.first ? 0.0 : -1.0);
   auto bad = V::Mask::none();
   for (std::size_t block = first_block; block < last_block; ++block) {
@@ -191,7 +193,8 @@ template <class Model, class V, bool tabulated>
         past[i] = now_share * now + before_share * before;
         const V ahead = now_ahead * now + before_ahead * before;
         // A concentration must not leave its positive range on the way.
-        at[i] = !Model::is_gate[i] && Model::states[i].lower >= 0 ? select(ahead > V(0.0), ahead, now) : ahead;
+        at[i] =
+            !Model::is_gate[i] && Model::states[i].lower >= 0 ? select(ahead > V(0.0), ahead, now) : ahead;
         now.store(previous + i * width);
       }
       const V potential = V::load(states + Model::membrane_potential * width);

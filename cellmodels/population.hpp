@@ -67,7 +67,8 @@ class CellPopulation {
   // the rate of the potential by the cell's own currents, -I_ion/C_m (mV/ms). `first`: there is no history.
   void step_under(std::span<const double> potential_mV, double h, bool first, std::span<double> rate);
 
-  // All states of all cells, shape (size(), states), now (level 0) or one step earlier (level 1, "bdf2-imex").
+  // All states of all cells, shape (size(), states), now (level 0) or one step earlier (level 1,
+  // "bdf2-imex").
   void copy_states(int level, std::span<double> values) const;
   void assign_states(int level, std::span<const double> values);
 

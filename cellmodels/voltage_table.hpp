@@ -1,6 +1,6 @@
 // Tables of a model's functions of the membrane potential: for every gate that depends on V alone its steady
-// value and its decay over one step, exp(-h/tau) or, for implicit steps, 1/(1 + h/tau), and the factors of the
-// currents. Uniform spacing, linear interpolation, one contiguous row for each potential.
+// value and its decay over one step, exp(-h/tau) or, for implicit steps, 1/(1 + h/tau), and the factors of
+// the currents. Uniform spacing, linear interpolation, one contiguous row for each potential.
 //
 // The layout of a row: steady values of the voltage gates in state order, their decays, the factors, padding
 // to whole cache lines.

@@ -294,7 +294,8 @@ MonolithicHeart::MonolithicHeart(const Scene& scene, MonolithicSettings settings
   for (const WallPlan& plan : m.scene.walls)
     if (plan.kind == "triseg" || plan.kind == "tissue")
       throw InputError(fmt::format(
-          "the monolithic reference has no equations for a {} wall; use reduced or elastance walls", plan.kind));
+          "the monolithic reference has no equations for a {} wall; use reduced or elastance walls",
+          plan.kind));
   for (const auto& [name, type] : m.scene.cells) m.calcium.emplace(name, calcium_of(m.scene, type));
   m.state.assign(scene.initial.begin(), scene.initial.end());
   for (const WallPlan& plan : m.scene.walls) {

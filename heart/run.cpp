@@ -248,7 +248,8 @@ void HeartRun::open_fields(const std::filesystem::path& result, bool resumed) {
 }
 
 double HeartRun::time_s() const {
-  return (cost_.beats + (beat_ ? static_cast<double>(beat_->steps) / static_cast<double>(driver_->steps_per_beat()) : 0)) *
+  return (cost_.beats +
+          (beat_ ? static_cast<double>(beat_->steps) / static_cast<double>(driver_->steps_per_beat()) : 0)) *
          scene_.period_s;
 }
 
@@ -257,15 +258,20 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
   const auto begin = Clock::now();
   auto last_checkpoint = begin;
   Progress progress("heart", style);
+  const auto time_is_up = [&] {
+    return scene_.stop_after_ms > 0 && time_s() * units::ms_per_s >= scene_.stop_after_ms - 1e-6;
+  };
   const auto finished = [&] {
+    if (time_is_up()) return true;
     return scene_.until_limit_cycle ? !search_->running() : cost_.beats >= scene_.beats;
   };
   const auto stop_if_asked = [&](double beats_done) {
     // Several ranks stop together, or not at all.
     bool stop = tissue_kind().any_rank(interrupt_requested());
     try {
-      progress.update(scene_.until_limit_cycle ? -1.0 : beats_done / scene_.beats,
-                      fmt::format("beat {}, distance {:.1e}", cost_.beats + (beat_ ? 1 : 0), certificate_.distance));
+      progress.update(
+          scene_.until_limit_cycle ? -1.0 : beats_done / scene_.beats,
+          fmt::format("beat {}, distance {:.1e}", cost_.beats + (beat_ ? 1 : 0), certificate_.distance));
     } catch (const Interrupted&) {
       stop = stop || !has_tissue_;
     }
@@ -277,8 +283,8 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
                                     result->string()));
     }
   };
-  // Beats of 3D tissue are long: they are saved on the way, at moments of the model's time, so that a run that
-  // was resumed repeats one that was not.
+  // Beats of 3D tissue are long: they are saved on the way, at moments of the model's time, so that a run
+  // that was resumed repeats one that was not.
   const long steps_per_checkpoint =
       has_tissue_ ? std::max(1L, std::lround(scene_.checkpoint_every_ms * units::s_per_ms / scene_.dt_s)) : 0;
   if (result && has_tissue_) open_fields(*result, beat_ != nullptr || cost_.beats > 0);
@@ -299,6 +305,7 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
             wall->write_fields(time_s(), static_cast<double>(beat_->steps) * scene_.dt_s);
           stop_if_asked(time_s() / scene_.period_s);
         }
+        if (time_is_up()) break;
         done = driver_->step_beat(*beat_);
         if (steps_per_checkpoint > 0 && !done && beat_->steps % steps_per_checkpoint == 0) {
           cost_.heart_s = heart_before + seconds_since(begin);
@@ -311,18 +318,22 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
         }
       }
       audit_ = beat_->audit;
+      if (beat_->steps < driver_->steps_per_beat()) {
+        trace_ = beat_->trace;
+        break;
+      }
       trace = std::move(beat_->trace);
       beat_.reset();
     } catch (const NumericalFailure& failure) {
       const double where = time_s();
-      // Keep the last good state; an extrapolated start that failed is given up for a plain one. A beat that was
-      // saved on the way is left as it was saved.
+      // Keep the last good state; an extrapolated start that failed is given up for a plain one. A beat that
+      // was saved on the way is left as it was saved.
       if (has_tissue_) {
-        throw NumericalFailure(fmt::format(
-            "at {:.4f} s (beat {}): {}{}", where, cost_.beats + 1, failure.what(),
-            result && (saved_on_the_way_ || cost_.beats > 0)
-                ? fmt::format(" The last good state is in {}.", result->string())
-                : std::string()));
+        throw NumericalFailure(
+            fmt::format("at {:.4f} s (beat {}): {}{}", where, cost_.beats + 1, failure.what(),
+                        result && (saved_on_the_way_ || cost_.beats > 0)
+                            ? fmt::format(" The last good state is in {}.", result->string())
+                            : std::string()));
       }
       beat_.reset();
       driver_->restore(good);
@@ -403,13 +414,12 @@ void HeartRun::write_file(const std::filesystem::path& path, const std::vector<d
   file.text("/provenance/host", host);
   file.scalar("/provenance/wall_time", cost_.cells_s + cost_.heart_s, "s", "wall time of cells and heart");
 
-  if (cost_.beats > 0) {
-    for (const Column& column : trace_.columns) {
+  // A run that was ended within a beat shows the rows of it.
+  if (cost_.beats > 0 || complete_)
+    for (const Column& column : trace_.columns)
       file.dataset(place_of(column.name), column.values, column.unit, column.meaning);
-    }
-    write_indexes(file, indexes(), scene_.body_surface_area_m2);
-    file.text("/summary", summarise(*this).dump());
-  }
+  if (has_whole_beat()) write_indexes(file, indexes(), scene_.body_surface_area_m2);
+  if (cost_.beats > 0 || complete_) file.text("/summary", summarise(*this).dump());
   file.text("/limit_cycle/verdict", to_string(certificate_.verdict));
   file.scalar("/limit_cycle/distance", certificate_.distance, "1",
               "estimated scaled distance to the limit cycle");
@@ -438,15 +448,19 @@ void HeartRun::write_file(const std::filesystem::path& path, const std::vector<d
   file.dataset("/checkpoint/driver", driver_state, "mixed", "circulation, pressures, flows, walls");
   if (beat_) {
     const BeatAudit& a = beat_->audit;
-    std::vector<double> under_way = {static_cast<double>(beat_->steps), beat_->blood_volume_mL,
-                                     a.chamber_work_mmHg_mL, a.dissipated_mmHg_mL, a.volume_mismatch_mL,
+    std::vector<double> under_way = {static_cast<double>(beat_->steps),
+                                     beat_->blood_volume_mL,
+                                     a.chamber_work_mmHg_mL,
+                                     a.dissipated_mmHg_mL,
+                                     a.volume_mismatch_mL,
                                      static_cast<double>(a.newton_iterations),
                                      static_cast<double>(a.most_newton_iterations)};
     under_way.insert(under_way.end(), a.valve_volume_mL.begin(), a.valve_volume_mL.end());
     under_way.insert(under_way.end(), beat_start_.begin(), beat_start_.end());
     for (const Column& column : beat_->trace.columns)
       under_way.insert(under_way.end(), column.values.begin(), column.values.end());
-    file.dataset("/checkpoint/beat_under_way", under_way, "mixed", "step, audit, start and rows of a beat not yet done");
+    file.dataset("/checkpoint/beat_under_way", under_way, "mixed",
+                 "step, audit, start and rows of a beat not yet done");
   }
   for (const auto& [wall, figures] : wall_figures_)
     for (const auto& [name, figure] : figures)

@@ -53,10 +53,14 @@ class HeartRun {
   const LimitCycleCertificate& certificate() const { return certificate_; }
   const RunCost& cost() const { return cost_; }
   // What walls report of their work, by wall and name.
-  const std::map<std::string, std::map<std::string, WallFigure>>& wall_figures() const { return wall_figures_; }
+  const std::map<std::string, std::map<std::string, WallFigure>>& wall_figures() const {
+    return wall_figures_;
+  }
   double blood_volume_drift_mL() const { return volume_drift_; }
   bool complete() const { return complete_; }
-  // Present once at least one beat has been run.
+  // Whether trace() is a whole beat; a run of 3D tissue may be ended within one.
+  bool has_whole_beat() const { return cost_.beats > 0 && !beat_; }
+  // Present where there is a whole beat.
   BeatIndexes indexes() const;
 
  private:

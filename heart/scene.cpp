@@ -306,7 +306,8 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
   if (whole) {
     for (const std::string& key : walls.keys())
       if (key != "heart")
-        throw InputError(fmt::format("{}: walls.heart encloses this cavity already; name one of them", walls.place(key)));
+        throw InputError(
+            fmt::format("{}: walls.heart encloses this cavity already; name one of them", walls.place(key)));
     scene.walls.push_back(read_heart(walls.table("heart"), scene));
   }
   for (int c = 0; c < n_chambers && !whole; ++c) {
@@ -315,8 +316,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
       if (walls.has(chamber_names[c]))
         throw InputError(fmt::format("{}: walls.ventricles encloses this cavity already; name one of them",
                                      walls.place(chamber_names[c])));
-      if (c == LV)
-        scene.walls.push_back(read_ventricles(walls.table("ventricles"), scene));
+      if (c == LV) scene.walls.push_back(read_ventricles(walls.table("ventricles"), scene));
       continue;
     }
     if (!walls.has(chamber_names[c]))
@@ -407,6 +407,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
   for (const WallPlan& wall : scene.walls)
     if (wall.kind == "tissue") {
       scene.checkpoint_every_ms = run.number(scene_keys::checkpoint_ms);
+      scene.stop_after_ms = run.number(scene_keys::stop_after);
       break;
     }
   reader.finish();

@@ -49,14 +49,14 @@ struct WallPlan {
   ElastanceParameters elastance;
   ReducedWallParameters reduced;
   TriSegParameters triseg;
-  std::vector<FibrePlan> fibres;  // none, one, or the three segments
+  std::vector<FibrePlan> fibres;       // none, one, or the three segments
   std::shared_ptr<const void> tissue;  // what the tissue read of its table
 };
 
 struct Scene {
   std::string title;
   std::filesystem::path folder;  // of the scene file
-  std::string text;  // the scene with all defaults filled in
+  std::string text;              // the scene with all defaults filled in
   double period_s = 0.8;
   double body_surface_area_m2 = 1.9;
   std::map<std::string, CellType> cells;
@@ -78,6 +78,7 @@ struct Scene {
   LimitCycleSettings limit_cycle;
   double checkpoint_every_s = 1;
   double checkpoint_every_ms = 50;  // of the model's time, with 3D tissue
+  double stop_after_ms = 0;         // of the model's time, with 3D tissue; 0: at the end of the beats
   std::vector<std::string> warnings;
 };
 

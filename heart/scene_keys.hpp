@@ -68,6 +68,13 @@ inline constexpr Quantity max_beats{"max_beats", "1", 300,
                                     3,           1e6, "give up on the limit cycle after so many beats"};
 inline constexpr Quantity checkpoint_ms{
     "checkpoint_every_ms", "ms", 50, 1, 1e6, "model time between checkpoints of a run with 3D tissue"};
+inline constexpr Quantity stop_after{
+    "stop_after_ms",
+    "ms",
+    0,
+    0,
+    1e7,
+    "end the run at this model time, within a beat or not; 0: at the end of its beats"};
 inline constexpr Quantity checkpoint{
     "checkpoint_every_s", "s", 1, 0, 1e6, "wall time between checkpoints of a run"};
 

@@ -56,9 +56,10 @@ double imbalance(double work, double dissipated) {
 
 Json summarise(const HeartRun& run) {
   Json out;
-  const BeatIndexes b = run.indexes();
+  std::optional<BeatIndexes> b;
+  if (run.has_whole_beat()) b = run.indexes();
   out["title"] = run.scene().title;
-  out["indexes"] = index_json(b);
+  if (b) out["indexes"] = index_json(*b);
   out["limit_cycle"] = certificate_json(run.certificate());
   Json cells;
   for (const auto& [name, paced] : run.cells()) {
@@ -90,7 +91,8 @@ Json summarise(const HeartRun& run) {
       warnings.push_back(fmt::format("cells {} do not fire: their potential stays below {:.0f} mV", name,
                                      paced.potential_max_mV));
   for (int v : {AV, PV})
-    if (!b.valve[v].opens_s) warnings.push_back(fmt::format("{} never opens", valve_names[v]));
+    if (b && !b->valve[v].opens_s) warnings.push_back(fmt::format("{} never opens", valve_names[v]));
+  if (!run.has_whole_beat()) warnings.push_back("the run was ended within a beat: there are no indexes");
   if (run.scene().until_limit_cycle && run.certificate().verdict != LimitCycleVerdict::period_1)
     warnings.push_back("the limit cycle was not reached; the indexes are of the last beat");
   if (out["flips"]["p_LV_mmHg"].get<double>() > 1)

@@ -1,5 +1,5 @@
-// The door through which 3D tissue enters scenes. heart/ knows no deal.II: where the tissue was built and linked,
-// it registers how its tables are read and its walls are made.
+// The door through which 3D tissue enters scenes. heart/ knows no deal.II: where the tissue was built and
+// linked, it registers how its tables are read and its walls are made.
 #pragma once
 
 #include <functional>
@@ -19,7 +19,8 @@ struct PacedCellType;
 // A scene, or a verb, that needs the tissue where there is none.
 struct TissueNeeded : InputError {
   static constexpr const char* reason =
-      "this build has no 3D tissue (it was configured without deal.II, PETSc and gmsh): install libdeal.ii-dev "
+      "this build has no 3D tissue (it was configured without deal.II, PETSc and gmsh): install "
+      "libdeal.ii-dev "
       "and libgmsh-dev and build again, or use kind = \"reduced\"";
   explicit TissueNeeded(const std::string& place) : InputError(place + ": " + reason) {}
 };

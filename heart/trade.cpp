@@ -59,6 +59,12 @@ std::vector<TradeMeasure> trade_measures(std::string_view kind) {
             {"volume", "mL", "largest error of a chamber's volume"},
             {"flow", "mL/s", "largest error of a valve's flow"},
             {"stroke_volume", "mL", "error of the left ventricle's stroke volume"}};
+  if (kind == "tissue")
+    return {{"activation", "ms", "when the mean potential passes -40 mV"},
+            {"p_LV", "mmHg", "left ventricular pressure at the window's end"},
+            {"V_LV", "mL", "left ventricular volume at the window's end"},
+            {"tension", "kPa", "mean active tension at the window's end"},
+            {"Q_AV", "mL/s", "peak flow through the aortic valve in the window"}};
   return {{"p_LV", "mmHg", "peak left ventricular pressure"},
           {"EDV", "mL", "end-diastolic volume of the left ventricle"},
           {"SV", "mL", "stroke volume of the left ventricle"},

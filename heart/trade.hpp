@@ -52,6 +52,10 @@ TradeStudy trade_cell(const CellModel& model, const std::vector<double>& paramet
 TradeStudy trade_force(std::string_view parameter_set, Progress& progress);
 TradeStudy trade_loop(const Loop& loop, Progress& progress);
 // The scene with the overrides, then with each combination of solver settings on top.
+// Whether a scene has a wall of 3D tissue, and the trade of such a scene.
+bool has_tissue(const std::filesystem::path& scene, const std::vector<std::string>& overrides);
+TradeStudy trade_tissue(const std::filesystem::path& scene, const std::vector<std::string>& overrides,
+                        Progress& progress);
 TradeStudy trade_heart(const std::filesystem::path& scene, const std::vector<std::string>& overrides,
                        Progress& progress);
 

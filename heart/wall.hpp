@@ -51,8 +51,9 @@ class WallOf {
   virtual void accept_step() = 0;
   virtual void reject_step() = 0;
 
-  // For walls with many unknowns of their own. Whether those were balanced at the last linearise(); the largest
-  // mismatch of volumes that Newton may leave; whether a step that failed may be tried again in halves.
+  // For walls with many unknowns of their own. Whether those were balanced at the last linearise(); the
+  // largest mismatch of volumes that Newton may leave; whether a step that failed may be tried again in
+  // halves.
   virtual bool balanced() const { return true; }
   virtual double volume_tolerance_mL() const { return 0; }
   virtual bool may_halve_steps() const { return false; }

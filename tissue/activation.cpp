@@ -47,14 +47,26 @@ struct Activation::Implementation {
       Ca[k] = calcium[node];
       SL[k] = SL0 * stretch[node];
       speed[k] = SL0 * stretch_rate[k];
-      if (!(Rdq20::dissociation_constant(SL[k], region.plan.parameters.data()) > 0) || !(SL[k] > 0.5 && SL[k] < 4)) {
+      if (!(Rdq20::dissociation_constant(SL[k], region.plan.parameters.data()) > 0) ||
+          !(SL[k] > 0.5 && SL[k] < 4)) {
         const Point3& p = space.points[node];
-        throw NumericalFailure(fmt::format(
-            "sarcomere length {:.3g} um at ({:.1f}, {:.1f}, {:.1f}) mm is beyond what RDQ20 describes: the tissue is "
-            "stretched too far there. Check pressure, stiffness and the reference configuration",
-            SL[k], 1e3 * p[0], 1e3 * p[1], 1e3 * p[2]));
+        throw NumericalFailure(
+            fmt::format("sarcomere length {:.3g} um at ({:.1f}, {:.1f}, {:.1f}) mm is beyond what RDQ20 "
+                        "describes: the tissue is "
+                        "stretched too far there. Check pressure, stiffness and the reference configuration",
+                        SL[k], 1e3 * p[0], 1e3 * p[1], 1e3 * p[2]));
       }
     }
+    const Quantity& range = Rdq20::inputs[Rdq20::dSL_dt];
+    for (std::size_t k = 0; k < n; ++k)
+      if (!(speed[k] >= range.lower && speed[k] <= range.upper)) {
+        const Point3& p = space.points[region.nodes[k]];
+        throw NumericalFailure(fmt::format(
+            "sarcomeres at ({:.1f}, {:.1f}, {:.1f}) mm change their length by {:.3g} um/s, beyond what any "
+            "muscle does: "
+            "the step is unstable. Keep solver.stabilise.active_stress on, or take a smaller dt_s",
+            1e3 * p[0], 1e3 * p[1], 1e3 * p[2], speed[k]));
+      }
     region.bridges->assign_states(0, region.states_before);
     region.bridges->set_inputs("Ca", Ca);
     region.bridges->set_inputs("SL", SL);
@@ -99,7 +111,8 @@ Activation::Activation(const Partition& partition, const FibreField* fibres, std
         for (int named : regions[r].tags)
           if (named == tag) mine = static_cast<int>(r);
       if (mine < 0)
-        throw InputError(fmt::format("active force: no cells are named for the volume tag {} of the mesh", tag));
+        throw InputError(
+            fmt::format("active force: no cells are named for the volume tag {} of the mesh", tag));
       for (int node : me.space.nodes_of(static_cast<int>(c)))
         if (node < me.space.n_own) region_of[node] = mine;
     }
@@ -114,14 +127,14 @@ Activation::Activation(const Partition& partition, const FibreField* fibres, std
       const double xi = fibres ? fibres->interventricular[me.space.vertex[node]] : 1.0;
       me.strength[node] = xi + regions[r].right_share * (1 - xi);
     }
-    const std::vector<double> rest =
-        rdq20_steady_state(regions[r].parameters, regions[r].rest_calcium_uM, regions[r].parameters[Rdq20::SL0]);
+    const std::vector<double> rest = rdq20_steady_state(regions[r].parameters, regions[r].rest_calcium_uM,
+                                                        regions[r].parameters[Rdq20::SL0]);
     region.rest_moment = rest[Rdq20::mu1_P] + rest[Rdq20::mu1_N];
     if (!region.nodes.empty()) {
       PopulationSettings settings;
       settings.integrator = "frozen-midpoint";
-      region.bridges =
-          std::make_unique<CellPopulation>(find_model("rdq20"), region.nodes.size(), settings, regions[r].parameters);
+      region.bridges = std::make_unique<CellPopulation>(find_model("rdq20"), region.nodes.size(), settings,
+                                                        regions[r].parameters);
     }
     for (std::size_t k = 0; k < region.nodes.size(); ++k)
       region.states.insert(region.states.end(), rest.begin(), rest.end());

@@ -170,8 +170,8 @@ void attach_rigid_body_modes(const NodeMatrix& matrix, ::Mat to) {
   check(VecDestroy(&coordinates), "coordinates");
 }
 
-// Multigrid coarsens matrices of scalars only (PETSc 3.18), so it gets a copy; MatConvert would take the parts of
-// a parallel original apart.
+// Multigrid coarsens matrices of scalars only (PETSc 3.18), so it gets a copy; MatConvert would take the
+// parts of a parallel original apart.
 void copy_rows(::Mat from, ::Mat to) {
   PetscInt first = 0, end = 0, n = 0;
   const PetscInt* columns = nullptr;
@@ -194,7 +194,8 @@ void copy_rows(::Mat from, ::Mat to) {
   std::vector<PetscInt> own, foreign;
   for (PetscInt row = first; row < end; ++row) {
     check(MatGetRow(from, row, &n, &columns, nullptr), "rows");
-    const auto inside = std::count_if(columns, columns + n, [&](PetscInt c) { return c >= first && c < end; });
+    const auto inside =
+        std::count_if(columns, columns + n, [&](PetscInt c) { return c >= first && c < end; });
     own.push_back(static_cast<PetscInt>(inside));
     foreign.push_back(static_cast<PetscInt>(n - inside));
     check(MatRestoreRow(from, row, &n, &columns, nullptr), "rows");
@@ -276,8 +277,9 @@ SolveReport LinearSolver::solve(const double* b, double* x, double relative, dou
   if (!report.converged) {
     const char* text = nullptr;
     if (code) PetscErrorMessage(code, &text, nullptr);
-    report.reason = fmt::format("{} after {} iterations ({})", solver_kind_names[static_cast<int>(kind_)],
-                                report.iterations, code ? (text ? text : "error") : KSPConvergedReasons[reason]);
+    report.reason =
+        fmt::format("{} after {} iterations ({})", solver_kind_names[static_cast<int>(kind_)],
+                    report.iterations, code ? (text ? text : "error") : KSPConvergedReasons[reason]);
   }
   return report;
 }

@@ -91,7 +91,8 @@ class LinearSolver {
 
   // The matrix has new values: the preconditioner is rebuilt at the next solve (or kept).
   void matrix_changed(bool keep_preconditioner = false);
-  // Solves A x = b to |b - A x| <= max(relative |b|, absolute) in the true norm; x is the first guess. Collective.
+  // Solves A x = b to |b - A x| <= max(relative |b|, absolute) in the true norm; x is the first guess.
+  // Collective.
   SolveReport solve(const double* b, double* x, double relative, double absolute, int max_iterations = 1000);
 
  private:

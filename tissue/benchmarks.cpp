@@ -77,7 +77,8 @@ SlabResult slab(const SlabSettings& settings, MPI_Comm communicator) {
   const std::array<double, 3> lengths_mm = {20, 7, 3};
   std::array<std::vector<double>, 3> coordinates;
   for (int k = 0; k < 3; ++k)
-    coordinates[k] = uniform(1e-3 * lengths_mm[k], std::max(1, static_cast<int>(std::lround(lengths_mm[k] / settings.dx_mm))));
+    coordinates[k] = uniform(1e-3 * lengths_mm[k],
+                             std::max(1, static_cast<int>(std::lround(lengths_mm[k] / settings.dx_mm))));
   const auto mesh = std::make_shared<const TetMesh>(box_mesh(coordinates));
   const Partition partition(mesh, communicator);
 
@@ -89,10 +90,10 @@ SlabResult slab(const SlabSettings& settings, MPI_Comm communicator) {
   region.initial_state = model.default_state();
   // The benchmark's own initial state.
   const std::vector<std::pair<std::string_view, double>> initial = {
-      {"V", -85.23},     {"Xr1", 0.00621},   {"Xr2", 0.4712},  {"Xs", 0.0095},     {"m", 0.00172},
-      {"h", 0.7444},     {"j", 0.7045},      {"d", 3.373e-5},  {"f", 0.7888},      {"f2", 0.9755},
-      {"fCass", 0.9953}, {"s", 0.999998},    {"r", 2.42e-8},   {"Ca_i", 0.000126}, {"R_prime", 0.9073},
-      {"Ca_SR", 3.64},   {"Ca_ss", 0.00036}, {"Na_i", 8.604},  {"K_i", 136.89}};
+      {"V", -85.23},     {"Xr1", 0.00621},   {"Xr2", 0.4712}, {"Xs", 0.0095},     {"m", 0.00172},
+      {"h", 0.7444},     {"j", 0.7045},      {"d", 3.373e-5}, {"f", 0.7888},      {"f2", 0.9755},
+      {"fCass", 0.9953}, {"s", 0.999998},    {"r", 2.42e-8},  {"Ca_i", 0.000126}, {"R_prime", 0.9073},
+      {"Ca_SR", 3.64},   {"Ca_ss", 0.00036}, {"Na_i", 8.604}, {"K_i", 136.89}};
   for (const auto& [name, value] : initial)
     region.initial_state[require_index(model.states, "state", name)] = value;
   // Harmonic means of intra- and extracellular conductivity over chi C_m; 1 mm^2/ms = 1e-3 m^2/s.
@@ -110,6 +111,7 @@ SlabResult slab(const SlabSettings& settings, MPI_Comm communicator) {
 
   MonodomainSettings numerics;
   numerics.order = settings.order;
+  if (settings.svi) numerics.currents = IonicCurrents::at_quadrature_points;
   numerics.tau_s = settings.dt_ms * 1e-3;
   numerics.table_spacing_mV = settings.table_spacing_mV;
   numerics.solver = settings.solver;
@@ -137,10 +139,11 @@ SlabResult slab(const SlabSettings& settings, MPI_Comm communicator) {
 
 BeamResult beam(const BeamSettings& settings, MPI_Comm communicator) {
   const auto begin = Clock::now();
-  const auto mesh = std::make_shared<const TetMesh>(
-      box_mesh({graded(10e-3, settings.bricks[0], settings.grading, 1), uniform(1e-3, settings.bricks[1]),
-                settings.grading > 1 ? graded(1e-3, settings.bricks[2], std::sqrt(settings.grading), std::sqrt(settings.grading))
-                                     : uniform(1e-3, settings.bricks[2])}));
+  const auto mesh = std::make_shared<const TetMesh>(box_mesh(
+      {graded(10e-3, settings.bricks[0], settings.grading, 1), uniform(1e-3, settings.bricks[1]),
+       settings.grading > 1
+           ? graded(1e-3, settings.bricks[2], std::sqrt(settings.grading), std::sqrt(settings.grading))
+           : uniform(1e-3, settings.bricks[2])}));
   const Partition partition(mesh, communicator);
   MechanicsSettings mechanics_settings;
   mechanics_settings.order = settings.order;
@@ -190,6 +193,16 @@ EllipsoidResult ellipsoid(const EllipsoidSettings& settings, MPI_Comm communicat
       plane.fixed[k] = true;
       mechanics_settings.supports.push_back(plane);
     }
+  if (settings.curved)
+    mechanics_settings.curve = [](int tag, const Point3& p) -> Point3 {
+      if (tag != 24 && tag != 31) return p;
+      const double width = tag == 24 ? 7e-3 : 10e-3, length = tag == 24 ? 17e-3 : 20e-3;
+      const double z = p[2] / length, r = std::hypot(p[0], p[1]);
+      // Along the circle in its plane, but towards the centre near the apex, where there is no such circle.
+      if (r > 0.5 * width)
+        return {p[0] * width * std::sqrt(1 - z * z) / r, p[1] * width * std::sqrt(1 - z * z) / r, p[2]};
+      return (1 / std::sqrt(r * r / (width * width) + z * z)) * p;
+    };
   // With the origin in the base plane neither it nor the planes of symmetry add to the cavity's volume. The
   // outside is a surface without pressure, for the volume of the wall.
   mechanics_settings.surfaces = {{24, {0, 0, 5e-3}}, {31, {0, 0, 5e-3}}};
@@ -200,8 +213,12 @@ EllipsoidResult ellipsoid(const EllipsoidSettings& settings, MPI_Comm communicat
   const auto before = mechanics.assemble(std::vector<double>{0, 0}, false).volumes_m3;
   double last = before[0];
   result.report = find_equilibrium(
-      mechanics, [](double s) { return std::vector<double>{10e3 * s, 0}; },
-      static_settings(partition, mechanics.nodes()), {}, [&](double s) {
+      mechanics,
+      [](double s) {
+        return std::vector<double>{10e3 * s, 0};
+      },
+      static_settings(partition, mechanics.nodes()), {},
+      [&](double s) {
         const double now = mechanics.assemble(std::vector<double>{10e3 * s, 0}, false).volumes_m3[0];
         result.monotone = result.monotone && now > last;
         last = now;
@@ -221,7 +238,8 @@ EllipsoidResult ellipsoid(const EllipsoidSettings& settings, MPI_Comm communicat
 SphereResult sphere(const SphereSettings& settings, MPI_Comm communicator) {
   const auto begin = Clock::now();
   const double inner_mm = 27.27575, outer_mm = 37.16350;
-  const auto mesh = made_once(communicator, [&] { return make_sphere_octant(inner_mm, outer_mm, settings.size_mm); });
+  const auto mesh =
+      made_once(communicator, [&] { return make_sphere_octant(inner_mm, outer_mm, settings.size_mm); });
   const Partition partition(mesh, communicator);
   // Frames: s along the radius; fibre and normal tangential, the helix about the z axis.
   FibreField fibres;
@@ -253,6 +271,11 @@ SphereResult sphere(const SphereSettings& settings, MPI_Comm communicator) {
     mechanics_settings.supports.push_back(plane);
   }
   mechanics_settings.surfaces = {{24, {}}, {31, {}}};
+  if (settings.curved)
+    mechanics_settings.curve = [&](int tag, const Point3& p) -> Point3 {
+      if (tag != 24 && tag != 31) return p;
+      return (1e-3 * (tag == 24 ? inner_mm : outer_mm) / norm(p)) * p;
+    };
   Mechanics mechanics(partition, &fibres, mechanics_settings);
   SphereResult result;
   result.n_tetrahedra = mesh->cells.size();
@@ -261,7 +284,10 @@ SphereResult sphere(const SphereSettings& settings, MPI_Comm communicator) {
   for (int k = 0; k < 3; ++k) {
     const double from = pressure, to = 1e3 * result.pressure_kPa[k];
     find_equilibrium(
-        mechanics, [&](double s) { return std::vector<double>{from + s * (to - from), 0}; },
+        mechanics,
+        [&](double s) {
+          return std::vector<double>{from + s * (to - from), 0};
+        },
         static_settings(partition, mechanics.nodes()));
     pressure = to;
     const auto volumes = mechanics.assemble(std::vector<double>{pressure, 0}, false).volumes_m3;

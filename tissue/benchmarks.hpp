@@ -19,6 +19,7 @@ namespace wiggers::benchmarks {
 struct SlabSettings {
   double dx_mm = 0.5, dt_ms = 0.05, end_ms = 60;
   int order = 2;
+  bool svi = false;
   double table_spacing_mV = 0.1;
   SolverKind solver = SolverKind::cg_ilu;
 };
@@ -56,6 +57,7 @@ struct EllipsoidSettings {
   double bulk_kPa = 1e3;
   int quadrature_degree = 0;
   bool quarter = true;
+  bool curved = true;  // edges of quadratic tetrahedra follow the surface
 };
 struct EllipsoidResult {
   double endo_z_mm = 0, epi_z_mm = 0;
@@ -73,6 +75,7 @@ struct SphereSettings {
   bool mean_dilatation = false;
   double bulk_kPa = 50;
   int quadrature_degree = 0;
+  bool curved = true;
   bool project_coefficients = false;  // 8, 6, 3, 12, 3, 3 with the helix +60 to -60 degrees
 };
 struct SphereResult {

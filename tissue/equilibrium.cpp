@@ -33,8 +33,7 @@ struct Newton {
 
   bool solve(const std::vector<double>& right, std::vector<double>& x) {
     x.assign(right.size(), 0.0);
-    const SolveReport linear =
-        solver.solve(right.data(), x.data(), settings.linear_tolerance, 1e-300, 2000);
+    const SolveReport linear = solver.solve(right.data(), x.data(), settings.linear_tolerance, 1e-300, 2000);
     report.linear_iterations += linear.iterations;
     if (!linear.converged) failure = "the linear solver failed: " + linear.reason;
     return linear.converged;
@@ -76,8 +75,8 @@ struct Newton {
       ++report.newton_iterations;
       const double work = std::abs(mechanics.product(mechanics.residual(), step));
       // Small loads on stiff tissue: round-off hides the residual's last digits, the step still shows them.
-      settled = mechanics.product(step, step) <= 1e-18 * mechanics.product(mechanics.displacement(),
-                                                                           mechanics.displacement());
+      settled = mechanics.product(step, step) <=
+                1e-18 * mechanics.product(mechanics.displacement(), mechanics.displacement());
       const std::vector<double> from = mechanics.displacement();
       double factor = 1;
       int halvings = 0;
@@ -95,15 +94,16 @@ struct Newton {
           break;
         }
         if (halvings == most_halvings) {
-          failure = fmt::format("the residual does not fall below {:.3g} N; smallest J {:.3g} in {}",
-                                balance.residual, trial.smallest_J, mechanics.place_of_cell(trial.worst_cell));
+          failure =
+              fmt::format("the residual does not fall below {:.3g} N; smallest J {:.3g} in {}",
+                          balance.residual, trial.smallest_J, mechanics.place_of_cell(trial.worst_cell));
           return false;
         }
       }
     }
-    failure = fmt::format("no equilibrium after {} Newton iterations: residual {:.3g} N, smallest J {:.3g} in {}",
-                          iterations, balance.residual, balance.smallest_J,
-                          mechanics.place_of_cell(balance.worst_cell));
+    failure = fmt::format(
+        "no equilibrium after {} Newton iterations: residual {:.3g} N, smallest J {:.3g} in {}", iterations,
+        balance.residual, balance.smallest_J, mechanics.place_of_cell(balance.worst_cell));
     return false;
   }
 };
@@ -123,7 +123,8 @@ EquilibriumReport find_equilibrium(Mechanics& mechanics, const LoadPath& loads,
     if (tension) mechanics.set_tension(tension(next));
     if (settings.secant_predictor && last_step > 0) {
       auto& d = mechanics.displacement();
-      for (std::size_t k = 0; k < d.size(); ++k) d[k] = good[k] + (next - s) / last_step * (good[k] - before[k]);
+      for (std::size_t k = 0; k < d.size(); ++k)
+        d[k] = good[k] + (next - s) / last_step * (good[k] - before[k]);
       if (!(mechanics.smallest_volume_ratio(d).first > 0)) d = good;
     }
     int iterations = 0;
@@ -140,10 +141,11 @@ EquilibriumReport find_equilibrium(Mechanics& mechanics, const LoadPath& loads,
       ++report.failed_steps;
       step *= 0.5;
       if (step < settings.smallest_step)
-        throw NumericalFailure(fmt::format(
-            "static equilibrium: stopped at {:.1f} % of the load, the step is below {:.1e} of it: {}. Try a finer or "
-            "better mesh there, a smaller load, or a stiffer material",
-            100 * s, settings.smallest_step, newton.failure));
+        throw NumericalFailure(
+            fmt::format("static equilibrium: stopped at {:.1f} % of the load, the step is below {:.1e} of "
+                        "it: {}. Try a finer or "
+                        "better mesh there, a smaller load, or a stiffer material",
+                        100 * s, settings.smallest_step, newton.failure));
     }
   }
   return report;
@@ -175,10 +177,11 @@ double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3, st
       }
       if (first < 0) first = balance.residual;
       const double mismatch = wanted - balance.volumes_m3[surface];
-      const double tolerance = settings.relative_tolerance * std::max({first, scale, newton.load_norm(pressures)});
-      newton.failure = fmt::format("no equilibrium after {} Newton iterations: residual {:.3g} N, smallest J {:.3g} in {}",
-                                   iteration, balance.residual, balance.smallest_J,
-                                   mechanics.place_of_cell(balance.worst_cell));
+      const double tolerance =
+          settings.relative_tolerance * std::max({first, scale, newton.load_norm(pressures)});
+      newton.failure = fmt::format(
+          "no equilibrium after {} Newton iterations: residual {:.3g} N, smallest J {:.3g} in {}", iteration,
+          balance.residual, balance.smallest_J, mechanics.place_of_cell(balance.worst_cell));
       if (balance.residual <= tolerance && std::abs(mismatch) <= 1e-9 * std::abs(wanted)) {
         converged = true;
         break;
@@ -210,8 +213,8 @@ double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3, st
     pressures[surface] = good_pressure;
     step *= 0.5;
     if (step < settings.smallest_step)
-      throw NumericalFailure(fmt::format("volume control: stopped at {:.1f} % of the change of volume: {}", 100 * s,
-                                         newton.failure));
+      throw NumericalFailure(fmt::format("volume control: stopped at {:.1f} % of the change of volume: {}",
+                                         100 * s, newton.failure));
   }
   return pressures[surface];
 }

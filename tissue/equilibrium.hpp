@@ -1,9 +1,9 @@
 // Static equilibria: Newton with backtracking inside an adaptive continuation of the load.
 //
 // The load is ramped by s from 0 to 1: step 0.1 at first, doubled after an easy solve, halved after a failed
-// one (an inverted element, a residual that does not fall); the first guess is the secant through the last two
-// equilibria. A step is halved back until every volume ratio is positive and the residual, or its work along the step, has
-// fallen.
+// one (an inverted element, a residual that does not fall); the first guess is the secant through the last
+// two equilibria. A step is halved back until every volume ratio is positive and the residual, or its work
+// along the step, has fallen.
 #pragma once
 
 #include <functional>
@@ -36,17 +36,18 @@ struct EquilibriumReport {
 using LoadPath = std::function<std::vector<double>(double s)>;
 using TensionPath = std::function<std::vector<CellTension>(double s)>;
 
-// Brings the mechanics to equilibrium from its present displacement, which must be an equilibrium at s = 0 (or
-// near one). Throws NumericalFailure, with the load reached and the worst element, when the smallest step
+// Brings the mechanics to equilibrium from its present displacement, which must be an equilibrium at s = 0
+// (or near one). Throws NumericalFailure, with the load reached and the worst element, when the smallest step
 // fails; the displacement is then the last equilibrium found. `on_step(s)` after each load step.
 EquilibriumReport find_equilibrium(Mechanics& mechanics, const LoadPath& loads,
                                    const EquilibriumSettings& settings = {}, const TensionPath& tension = {},
                                    const std::function<void(double)>& on_step = {});
 
-// The same with the volume of one surface prescribed, from its present one to `volume_m3`: its pressure follows
-// (Schur complement, one more solve). Returns the pressure; `slope` (optional) gets dp/dV, whose sign tells
-// stability.
-double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3, std::vector<double> pressures_Pa,
-                         const EquilibriumSettings& settings = {}, double* slope = nullptr);
+// The same with the volume of one surface prescribed, from its present one to `volume_m3`: its pressure
+// follows (Schur complement, one more solve). Returns the pressure; `slope` (optional) gets dp/dV, whose sign
+// tells stability.
+double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3,
+                         std::vector<double> pressures_Pa, const EquilibriumSettings& settings = {},
+                         double* slope = nullptr);
 
 }  // namespace wiggers

@@ -22,9 +22,18 @@ struct Point {
   double volume;
 };
 
+// Number of the edge between two corners of a tetrahedron.
+int edge_between(int a, int b) {
+  for (int e = 0; e < 6; ++e) {
+    const auto& ends = tetrahedron_edges[e];
+    if ((ends[0] == a && ends[1] == b) || (ends[0] == b && ends[1] == a)) return e;
+  }
+  return -1;
+}
+
 struct Facet {
   int cell, n;
-  int surface, support;  // -1: none
+  int surface, support;       // -1: none
   std::array<int, 6> corner;  // nodes, as numbers within the cell
   double area;
   Vector3 normal;  // unloaded
@@ -44,11 +53,11 @@ struct Mechanics::Implementation {
   std::array<std::array<double, most_nodes>, most_nodes> mass{};  // share of the volume
   std::array<std::array<double, 6>, 6> facet_mass{};
 
-  std::vector<Point> points;      // [cell][quadrature point]
-  std::vector<int> material_of;   // of each local cell
-  std::vector<char> active, mine; // conductive; touches an own node
+  std::vector<Point> points;       // [cell][quadrature point]
+  std::vector<int> material_of;    // of each local cell
+  std::vector<char> active, mine;  // conductive; touches an own node
   std::vector<Facet> facets;
-  std::vector<char> fixed;        // [own node][direction]
+  std::vector<char> fixed;  // [own node][direction]
   std::unique_ptr<NodeMatrix> matrix;
 
   std::vector<double> d, d_last, d_before;
@@ -62,6 +71,45 @@ struct Mechanics::Implementation {
       : partition(p), settings(std::move(s)), space(p.make_nodes(settings.order, false)) {}
 
   std::size_t n_points() const { return rule.size(); }
+
+  // The middles of edges on curved surfaces, put where they belong.
+  void bend_edges() {
+    for (const LocalFacet& facet : partition.facets()) {
+      const auto nodes = space.nodes_of(facet.cell);
+      for (const auto& ends : triangle_edges) {
+        const int a = facet.corner[ends[0]], b = facet.corner[ends[1]];
+        const int node = nodes[4 + edge_between(a, b)];
+        space.points[node] =
+            settings.curve(facet.tag, 0.5 * (space.points[nodes[a]] + space.points[nodes[b]]));
+      }
+    }
+    // A ghost's triangles may be known to its owner alone.
+    std::vector<double> flat(3 * static_cast<std::size_t>(space.n_local));
+    for (int k = 0; k < space.n_local; ++k)
+      std::copy(space.points[k].begin(), space.points[k].end(), &flat[3 * static_cast<std::size_t>(k)]);
+    partition.update_ghosts(space, flat.data(), 3);
+    for (int k = 0; k < space.n_local; ++k)
+      std::copy_n(&flat[3 * static_cast<std::size_t>(k)], 3, space.points[k].begin());
+  }
+
+  // Gradients of the barycentric coordinates at a point of a cell with curved edges, and the volume it stands
+  // for.
+  double curved_gradients(int cell, int q, double g[4][3]) const {
+    const auto nodes = space.nodes_of(cell);
+    Matrix3<double> by_coordinate;  // rows: derivative of the position by coordinates 1, 2, 3
+    for (int a = 0; a < n; ++a)
+      for (int k = 0; k < 3; ++k)
+        for (int i = 0; i < 3; ++i)
+          by_coordinate.m[k][i] +=
+              (shapes[q].slope[a][k + 1] - shapes[q].slope[a][0]) * space.points[nodes[a]][i];
+    const double det = determinant(by_coordinate);
+    const Matrix3<double> cof = cofactors(by_coordinate);
+    for (int i = 0; i < 3; ++i) {
+      for (int k = 0; k < 3; ++k) g[k + 1][i] = cof.m[k][i] / det;
+      g[0][i] = -(g[1][i] + g[2][i] + g[3][i]);
+    }
+    return det / 6;
+  }
 
   void positions(const std::vector<double>& displacement, int cell, double x[most_nodes][3]) const {
     const auto nodes = space.nodes_of(cell);
@@ -347,8 +395,7 @@ struct Mechanics::Implementation {
         for (int j = 0; j < 3; ++j) {
           const double nn = facet.normal[i] * facet.normal[j], one = i == j ? 1 : 0;
           matrix3[i][j] = normal_factor * nn + full_factor * one;
-          damping[i][j] =
-              dt > 0 ? support.normal_damping / dt * nn + support.full_damping / dt * one : 0.0;
+          damping[i][j] = dt > 0 ? support.normal_damping / dt * nn + support.full_damping / dt * one : 0.0;
         }
       for (int a = 0; a < facet.n; ++a)
         for (int b = 0; b < facet.n; ++b) {
@@ -421,7 +468,8 @@ Mechanics::Mechanics(const Partition& partition, const FibreField* fibres, Mecha
   const MechanicsSettings& s = me.settings;
   const TetMesh& mesh = partition.mesh();
   me.n = me.space.nodes_per_cell;
-  me.rule = tetrahedron_quadrature(s.quadrature_degree > 0 ? s.quadrature_degree : (s.order == 1 ? 1 : 2));
+  const int usual_degree = s.order == 1 ? 1 : s.mean_dilatation ? 5 : 2;
+  me.rule = tetrahedron_quadrature(s.quadrature_degree > 0 ? s.quadrature_degree : usual_degree);
   for (const auto& q : me.rule) me.shapes.push_back(shape_values<4>(s.order, q.at));
   me.facet_rule = triangle_quadrature(s.order == 1 ? 2 : 5);
   for (const auto& q : me.facet_rule) me.facet_shapes.push_back(shape_values<3>(s.order, q.at));
@@ -438,6 +486,7 @@ Mechanics::Mechanics(const Partition& partition, const FibreField* fibres, Mecha
         me.facet_mass[a][b] += q.weight * shape.value[a] * shape.value[b];
   }
 
+  if (s.order == 2 && s.curve) me.bend_edges();
   const std::size_t n_cells = partition.cells().size(), n_points = me.rule.size();
   me.points.resize(n_cells * n_points);
   me.material_of.assign(n_cells, -1);
@@ -450,7 +499,8 @@ Mechanics::Mechanics(const Partition& partition, const FibreField* fibres, Mecha
       for (std::size_t k = 0; k < s.materials.size(); ++k)
         if (s.materials[k].tag == tag) me.material_of[c] = static_cast<int>(k);
       if (me.material_of[c] < 0)
-        throw InputError(fmt::format("mechanics: no material is named for the volume tag {} of the mesh", tag));
+        throw InputError(
+            fmt::format("mechanics: no material is named for the volume tag {} of the mesh", tag));
       me.active[c] = mesh_tags::conductive(tag);
       for (int node : me.space.nodes_of(static_cast<int>(c))) me.mine[c] |= node < me.space.n_own;
       double x[4][3], g[4][3];
@@ -460,6 +510,11 @@ Mechanics::Mechanics(const Partition& partition, const FibreField* fibres, Mecha
       for (std::size_t q = 0; q < n_points; ++q) {
         Point& point = me.points[c * n_points + q];
         point.volume = volume * me.rule[q].weight;
+        if (s.order == 2 && s.curve)
+          point.volume = me.rule[q].weight * me.curved_gradients(static_cast<int>(c), static_cast<int>(q), g);
+        if (!(point.volume > 0))
+          throw InputError(fmt::format(
+              "mechanics: tetrahedron {} with curved edges is turned inside out; use a finer mesh", file));
         const Frame frame = fibres && me.active[c] ? frame_at(*fibres, mesh, file, me.rule[q].at)
                                                    : Frame{Point3{1, 0, 0}, Point3{0, 1, 0}, Point3{0, 0, 1}};
         for (int v = 0; v < 4; ++v)
@@ -487,10 +542,7 @@ Mechanics::Mechanics(const Partition& partition, const FibreField* fibres, Mecha
     if (s.order == 2)
       for (int e = 0; e < 3; ++e) {
         const int a = local.corner[triangle_edges[e][0]], b = local.corner[triangle_edges[e][1]];
-        for (int k = 0; k < 6; ++k) {
-          const auto& ends = tetrahedron_edges[k];
-          if ((ends[0] == a && ends[1] == b) || (ends[0] == b && ends[1] == a)) facet.corner[3 + e] = 4 + k;
-        }
+        facet.corner[3 + e] = 4 + edge_between(a, b);
       }
     const auto& v = mesh.cells[partition.cells()[local.cell]];
     const Point3 &a = mesh.points[v[local.corner[0]]], &b = mesh.points[v[local.corner[1]]],
@@ -511,7 +563,8 @@ Mechanics::Mechanics(const Partition& partition, const FibreField* fibres, Mecha
   }
   const auto refuse_empty = [&](int count, int tag, const char* what) {
     if (partition.sum(count) == 0)
-      throw InputError(fmt::format("mechanics: no triangle of the mesh has the surface tag {}, which {}", tag, what));
+      throw InputError(
+          fmt::format("mechanics: no triangle of the mesh has the surface tag {}, which {}", tag, what));
   };
   for (std::size_t k = 0; k < s.surfaces.size(); ++k)
     refuse_empty(n_facets_of_surface[k], s.surfaces[k].tag, "encloses a cavity or carries a pressure");

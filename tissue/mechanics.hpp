@@ -2,16 +2,18 @@
 //
 //   rho (d - 2 d^n + d^{n-1})/dt^2 + P(d) : grad phi + supports + sum_k p_k int_k J F^-T N . phi = 0
 //
-// Linear or quadratic tetrahedra. Gradients are kept rotated into the fibre frame, so that the laws never meet
-// it; all surface terms follow from the facets' own nodes, n da = x_xi (x) x_eta. Quadratic tetrahedra may take
-// the volume ratio from its mean over the element (mean dilatation: a pressure, constant in each element, is
-// the second field, eliminated within it), which removes locking when the tissue is nearly incompressible.
+// Linear or quadratic tetrahedra. Gradients are kept rotated into the fibre frame, so that the laws never
+// meet it; all surface terms follow from the facets' own nodes, n da = x_xi (x) x_eta. Quadratic tetrahedra
+// may take the volume ratio from its mean over the element (mean dilatation: a pressure, constant in each
+// element, is the second field, eliminated within it), which removes locking when the tissue is nearly
+// incompressible.
 //
 // A cavity's volume is V = -(1/3) int (x - origin) . n da over its surface, n out of the tissue; then
 // dV/dd = -b, the load vector, also at the discrete level. SI units.
 #pragma once
 
 #include <array>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -49,8 +51,11 @@ struct PressureSurface {
 struct MechanicsSettings {
   int order = 1;
   bool mean_dilatation = false;
-  int quadrature_degree = 0;  // 0: 1 for linear, 2 for quadratic tetrahedra
-  double density = 1e3;       // kg/m^3
+  int quadrature_degree = 0;  // 0: 1 for linear, 2 for quadratic tetrahedra, 5 for those with mean dilatation
+  // Quadratic tetrahedra: where the middle of an edge of a surface's triangle belongs on the true surface;
+  // none: straight edges. Given the surface tag and the middle of the straight edge.
+  std::function<Point3(int tag, const Point3& middle)> curve;
+  double density = 1e3;  // kg/m^3
   double viscosity_Pa_s = 0;
   double n_f = 1, n_s = 0, n_n = 0.4;  // shares of the active tension along fibre, sheet, normal
   bool normalised_tension = true;
@@ -68,8 +73,8 @@ struct Balance {
   double residual = 0;  // Euclidean norm, N
   bool finite = true;
   double smallest_J = 0;
-  int worst_cell = -1;                // file number
-  std::vector<double> volumes_m3;     // enclosed by each surface
+  int worst_cell = -1;             // file number
+  std::vector<double> volumes_m3;  // enclosed by each surface
 };
 
 class Mechanics {
@@ -94,13 +99,13 @@ class Mechanics {
   // last_displacement(). Empty: none.
   void set_tension(std::vector<CellTension> tension);
 
-  // Residual, load vectors and volumes at displacement(); with `tangent` also the matrix. Ghosts must be up to
-  // date. Collective.
+  // Residual, load vectors and volumes at displacement(); with `tangent` also the matrix. Ghosts must be up
+  // to date. Collective.
   Balance assemble(std::span<const double> pressures_Pa, bool tangent);
   // The smallest volume ratio over all points, and its cell, at a displacement. Collective.
   std::pair<double, int> smallest_volume_ratio(const std::vector<double>& displacement) const;
 
-  const std::vector<double>& residual() const;       // own nodes
+  const std::vector<double>& residual() const;         // own nodes
   const std::vector<double>& load(int surface) const;  // own nodes
   NodeMatrix& matrix();
   // Inner product over own nodes of all ranks.

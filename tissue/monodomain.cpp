@@ -63,13 +63,17 @@ struct Monodomain::Implementation {
   struct Cell {
     double gradient[4][3];  // of the barycentric coordinates, in the fibre frame
     double volume;
-    double sigma[3];        // m^2/s
+    double sigma[3];  // m^2/s
   };
   struct Region {
     IonicRegion plan;
     std::vector<int> nodes;  // own nodes with these cells
     std::unique_ptr<CellPopulation> cells;
     std::vector<double> potential, rate;
+    // SVI: the cells of the mesh in this region, and a set of ionic cells at their quadrature points.
+    std::vector<int> mesh_cells;
+    std::unique_ptr<CellPopulation> at_points;
+    std::vector<double> point_states, point_potential, point_rate;
   };
 
   const Partition& partition;
@@ -139,6 +143,70 @@ struct Monodomain::Implementation {
     cost.assembly_s += seconds_since(begin);
   }
 
+  const std::vector<QuadraturePoint<4>>& current_rule() const {
+    return tetrahedron_quadrature(settings.order == 1 ? 2 : 5);
+  }
+
+  // SVI: adds the currents' part of the right-hand side, integrated from the states at quadrature points.
+  void add_currents_at_points() {
+    const auto& rule = current_rule();
+    std::vector<ShapeValues<4>> shapes;
+    for (const auto& q : rule) shapes.push_back(shape_values<4>(settings.order, q.at));
+    const auto n = static_cast<std::size_t>(reference.n);
+    // The extrapolated potential with its ghosts.
+    std::vector<double> star(space.n_local);
+    std::copy(guess.begin(), guess.end(), star.begin());
+    partition.update_ghosts(space, star.data(), 1);
+    for (Region& region : regions) {
+      const std::size_t n_states = region.plan.model->states.size();
+      std::vector<double> own(region.nodes.size() * n_states), states(space.n_local * n_states, 0.0);
+      if (region.cells) region.cells->copy_states(0, own);
+      for (std::size_t k = 0; k < region.nodes.size(); ++k)
+        std::copy_n(&own[k * n_states], n_states, &states[region.nodes[k] * n_states]);
+      partition.update_ghosts(space, states.data(), static_cast<int>(n_states));
+      collectively(partition.communicator(), [&] {
+        if (region.mesh_cells.empty()) return;
+        const std::size_t n_points = region.mesh_cells.size() * rule.size();
+        if (!region.at_points) {
+          PopulationSettings population;
+          population.integrator = "bdf2-imex";
+          population.table_spacing_mV = settings.table_spacing_mV;
+          region.at_points = std::make_unique<CellPopulation>(*region.plan.model, n_points, population,
+                                                              region.plan.parameters);
+          region.point_states.resize(n_points * n_states);
+          region.point_potential.resize(n_points);
+          region.point_rate.resize(n_points);
+        }
+        std::fill(region.point_states.begin(), region.point_states.end(), 0.0);
+        std::fill(region.point_potential.begin(), region.point_potential.end(), 0.0);
+        std::size_t point = 0;
+        for (int cell : region.mesh_cells)
+          for (std::size_t q = 0; q < rule.size(); ++q, ++point)
+            for (std::size_t a = 0; a < n; ++a) {
+              const int node = space.nodes_of(cell)[a];
+              const double N = shapes[q].value[a];
+              region.point_potential[point] += N * star[node];
+              for (std::size_t i = 0; i < n_states; ++i)
+                region.point_states[point * n_states + i] += N * states[node * n_states + i];
+            }
+        region.at_points->assign_states(0, region.point_states);
+        region.at_points->assign_states(1, region.point_states);
+        // A step of no length leaves the states and gives the rate.
+        region.at_points->step_under(region.point_potential, 1e-12, true, region.point_rate);
+        point = 0;
+        for (int cell : region.mesh_cells) {
+          const double weight = cells[cell].volume * deformation[cell][3];
+          for (std::size_t q = 0; q < rule.size(); ++q, ++point)
+            for (std::size_t a = 0; a < n; ++a) {
+              const int node = space.nodes_of(cell)[a];
+              if (node < space.n_own)
+                b[node] += weight * rule[q].weight * shapes[q].value[a] * region.point_rate[point];
+            }
+        }
+      });
+    }
+  }
+
   void step(double t_end_s, double tau) {
     const bool first = !has_history;
     const double wanted_a0 = first ? 1.0 : 1.5;
@@ -154,7 +222,8 @@ struct Monodomain::Implementation {
         if (region.nodes.empty() || source) continue;
         for (std::size_t k = 0; k < region.nodes.size(); ++k) region.potential[k] = guess[region.nodes[k]];
         region.cells->step_under(region.potential, tau, first, region.rate);
-        for (std::size_t k = 0; k < region.nodes.size(); ++k) f[region.nodes[k]] += region.rate[k];
+        if (settings.currents == IonicCurrents::interpolated)
+          for (std::size_t k = 0; k < region.nodes.size(); ++k) f[region.nodes[k]] += region.rate[k];
       }
     });
     for (std::size_t s = 0; s < stimuli.size(); ++s) {
@@ -166,6 +235,7 @@ struct Monodomain::Implementation {
       for (std::size_t k = 0; k < n; ++k) f[k] += source(space.points[k], t_end_s);
     const auto cells_done = Clock::now();
     mass->multiply(f.data(), b.data());
+    if (settings.currents == IonicCurrents::at_quadrature_points && !source) add_currents_at_points();
     const auto right_side_done = Clock::now();
     const SolveReport report =
         solver->solve(b.data(), guess.data(), settings.relative_tolerance, 1e-300, 500);
@@ -205,7 +275,8 @@ Monodomain::Monodomain(const Partition& partition, const FibreField* fibres, Mon
   for (std::size_t r = 0; r < regions.size(); ++r)
     for (int tag : regions[r].tags)
       if (std::find(mesh.cell_tags.begin(), mesh.cell_tags.end(), tag) == mesh.cell_tags.end())
-        throw InputError(fmt::format("electrophysiology: no tetrahedron of the mesh has the volume tag {}", tag));
+        throw InputError(
+            fmt::format("electrophysiology: no tetrahedron of the mesh has the volume tag {}", tag));
   collectively(partition.communicator(), [&] {
     for (std::size_t c = 0; c < me.cells.size(); ++c) {
       if (!space.has(static_cast<int>(c))) continue;
@@ -226,12 +297,13 @@ Monodomain::Monodomain(const Partition& partition, const FibreField* fibres, Mon
         for (int tag : regions[r].tags)
           if (tag == mesh.cell_tags[file]) mine = static_cast<int>(r);
       if (mine < 0)
-        throw InputError(fmt::format("electrophysiology: no cells are named for the volume tag {} of the mesh",
-                                     mesh.cell_tags[file]));
+        throw InputError(fmt::format(
+            "electrophysiology: no cells are named for the volume tag {} of the mesh", mesh.cell_tags[file]));
       for (int node : space.nodes_of(static_cast<int>(c))) {
         if (region_of[node] >= 0 && region_of[node] != mine)
           throw InputError(fmt::format(
-              "electrophysiology: two kinds of cells share a point of the mesh at ({:.2f}, {:.2f}, {:.2f}) mm; "
+              "electrophysiology: two kinds of cells share a point of the mesh at ({:.2f}, {:.2f}, {:.2f}) "
+              "mm; "
               "atria and ventricles must be separated by non-conductive tetrahedra",
               1e3 * space.points[node][0], 1e3 * space.points[node][1], 1e3 * space.points[node][2]));
         region_of[node] = mine;
@@ -273,6 +345,10 @@ Monodomain::Monodomain(const Partition& partition, const FibreField* fibres, Mon
       region.potential.resize(region.nodes.size());
       region.rate.resize(region.nodes.size());
     }
+    for (std::size_t c = 0; c < me.cells.size(); ++c)
+      if (space.has(static_cast<int>(c)) &&
+          region_of[space.nodes_of(static_cast<int>(c))[0]] == static_cast<int>(r))
+        region.mesh_cells.push_back(static_cast<int>(c));
     me.regions.push_back(std::move(region));
   }
   for (int node = 0; node < space.n_local; ++node)
@@ -291,7 +367,8 @@ Monodomain::Monodomain(const Partition& partition, const FibreField* fibres, Mon
       const auto& v = image->cells[partition.cells()[c]];
       for (int k = 0; k < 4; ++k) places[nodes[k]] = image->points[v[k]];
       for (std::size_t k = 4; k < nodes.size(); ++k)
-        places[nodes[k]] = 0.5 * (image->points[v[tetrahedron_edges[k - 4][0]]] + image->points[v[tetrahedron_edges[k - 4][1]]]);
+        places[nodes[k]] = 0.5 * (image->points[v[tetrahedron_edges[k - 4][0]]] +
+                                  image->points[v[tetrahedron_edges[k - 4][1]]]);
     }
   for (const Stimulus& stimulus : me.stimuli) {
     std::vector<int> nodes;
@@ -383,8 +460,8 @@ double Monodomain::lead(const Point3& electrode) const {
   return me_->partition.sum(sum);
 }
 
-void Monodomain::prescribe(const std::function<double(const Point3&, double)>& exact, double t_s, double tau_s,
-                           std::function<double(const Point3&, double)> source) {
+void Monodomain::prescribe(const std::function<double(const Point3&, double)>& exact, double t_s,
+                           double tau_s, std::function<double(const Point3&, double)> source) {
   for (int k = 0; k < me_->space.n_local; ++k) {
     me_->u[k] = exact(me_->space.points[k], t_s);
     me_->u_before[k] = exact(me_->space.points[k], t_s - tau_s);

@@ -7,8 +7,9 @@
 // a cell, its matrices are six reference matrices times six numbers: nothing is integrated again when the
 // tissue deforms.
 //
-// Ionic currents enter at the nodes and are interpolated (ICI). Units: u mV, times s at the interface and ms
-// inside, lengths m.
+// Ionic currents enter at the nodes and are interpolated (ICI); for verification, potential and ionic states
+// can be interpolated to quadrature points instead and the currents evaluated there (SVI, many times dearer).
+// Units: u mV, times s at the interface and ms inside, lengths m.
 #pragma once
 
 #include <memory>
@@ -30,8 +31,8 @@ struct Conductivity {
 struct Stimulus {
   enum class Shape { ball, box };
   Shape shape = Shape::ball;
-  Point3 centre{};      // m; box: its lowest corner
-  Point3 corner{};      // box: its highest corner
+  Point3 centre{};  // m; box: its lowest corner
+  Point3 corner{};  // box: its highest corner
   double radius = 3e-3;
   double start_s = 0, duration_s = 3e-3;
   double amplitude_V_per_s = 25.71;
@@ -47,13 +48,17 @@ struct IonicRegion {
   Conductivity conductivity, fast_layer;
 };
 
+enum class IonicCurrents { interpolated, at_quadrature_points };  // ICI, SVI
+inline constexpr std::array<std::string_view, 2> ionic_currents_names = {"ici", "svi"};
+
 struct MonodomainSettings {
   int order = 2;
+  IonicCurrents currents = IonicCurrents::interpolated;
   double tau_s = 5e-5;
   double relative_tolerance = 1e-8;
   SolverKind solver = SolverKind::cg_ilu;
-  double table_spacing_mV = 0.1;      // of the ionic models' functions of V; 0: no tables
-  double fast_layer_thickness = 0.05; // in endocardial distance; 0: none
+  double table_spacing_mV = 0.1;       // of the ionic models' functions of V; 0: no tables
+  double fast_layer_thickness = 0.05;  // in endocardial distance; 0: none
   double activation_threshold_mV = -20;
 };
 
@@ -65,7 +70,8 @@ struct MonodomainCost {
 class Monodomain {
  public:
   // Collective. `fibres` may be empty: axes of space. Refuses regions and stimuli that touch nothing.
-  // Stimuli are placed in `image` where one is given: the same mesh with other points, as it was seen under load.
+  // Stimuli are placed in `image` where one is given: the same mesh with other points, as it was seen under
+  // load.
   Monodomain(const Partition& partition, const FibreField* fibres, MonodomainSettings settings,
              std::vector<IonicRegion> regions, std::vector<Stimulus> stimuli, const TetMesh* image = nullptr);
   ~Monodomain();
@@ -91,11 +97,12 @@ class Monodomain {
 
   const MonodomainCost& cost() const;
 
-  // For tests: sets u and its history by position, and adds a source (mV/ms) by position and time instead of cells.
+  // For tests: sets u and its history by position, and adds a source (mV/ms) by position and time instead of
+  // cells.
   void prescribe(const std::function<double(const Point3&, double)>& exact, double t_s, double tau_s,
                  std::function<double(const Point3&, double)> source);
 
-  void save(std::vector<double>& out) const;      // collective, partition-independent
+  void save(std::vector<double>& out) const;  // collective, partition-independent
   void restore(std::span<const double>& in);
 
  private:

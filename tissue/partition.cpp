@@ -118,8 +118,7 @@ Partition::Partition(std::shared_ptr<const TetMesh> mesh, MPI_Comm communicator)
       // Positive cells: seen from the opposite vertex the order (1,2,3), (0,3,2), (0,1,3), (0,2,1) turns so
       // that the normal points out.
       if (opposite % 2 == 1) std::swap(corner[1], corner[2]);
-      const auto found = tagged.find(
-          sorted({vertices[corner[0]], vertices[corner[1]], vertices[corner[2]]}));
+      const auto found = tagged.find(sorted({vertices[corner[0]], vertices[corner[1]], vertices[corner[2]]}));
       if (found == tagged.end()) continue;
       facets_.push_back({static_cast<int>(c), found->second, mesh_->facet_tags[found->second], corner});
     }
@@ -205,8 +204,8 @@ NodeSpace Partition::make_nodes(int order, bool conductive_only) const {
     for (int k = 0; k < 4; ++k) visit(k, v[k]);
     if (order == 2)
       for (int e = 0; e < 6; ++e)
-        visit(4 + e, static_cast<int>(mesh_->points.size()) +
-                         edge_number(v[edge_ends[e][0]], v[edge_ends[e][1]]));
+        visit(4 + e,
+              static_cast<int>(mesh_->points.size()) + edge_number(v[edge_ends[e][0]], v[edge_ends[e][1]]));
   };
   for (std::size_t c = 0; c < mesh_->cells.size(); ++c)
     if (is_in(static_cast<int>(c)))
@@ -234,7 +233,7 @@ NodeSpace Partition::make_nodes(int order, bool conductive_only) const {
     const auto local = [&](dl::types::global_dof_index index) {
       const int global = static_cast<int>(index);
       return global >= space.first && global < space.first + space.n_own ? global - space.first
-                                                                          : ghost_number.at(global);
+                                                                         : ghost_number.at(global);
     };
     for (int v = 0; v < 4; ++v) nodes[v] = local(indices[v]);
     if (order == 2)

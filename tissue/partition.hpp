@@ -27,16 +27,16 @@ struct NodeExchange {
 // Scalar Lagrange nodes of one order on all cells, or on the conductive ones.
 struct NodeSpace {
   int order = 1;
-  int nodes_per_cell = 4;            // 4 or 10: vertices, then edges 01 12 20 03 13 23
-  int first = 0;                     // global number of the first own node
-  int n_own = 0;                     // own nodes: local numbers 0 .. n_own - 1
-  int n_local = 0;                   // with ghosts
+  int nodes_per_cell = 4;  // 4 or 10: vertices, then edges 01 12 20 03 13 23
+  int first = 0;           // global number of the first own node
+  int n_own = 0;           // own nodes: local numbers 0 .. n_own - 1
+  int n_local = 0;         // with ghosts
   int n_global = 0;
-  std::vector<int> ghosts;           // global numbers of the local nodes n_own .. n_local - 1
-  std::vector<int> file_index;       // partition-independent number of each local node, 0 .. n_global - 1
-  std::vector<int> cell_nodes;       // local nodes of each local cell; -1 where the cell has none
-  std::vector<int> vertex;           // file vertex of each local node, or -1 (edge nodes)
-  std::vector<Point3> points;        // of each local node, m
+  std::vector<int> ghosts;      // global numbers of the local nodes n_own .. n_local - 1
+  std::vector<int> file_index;  // partition-independent number of each local node, 0 .. n_global - 1
+  std::vector<int> cell_nodes;  // local nodes of each local cell; -1 where the cell has none
+  std::vector<int> vertex;      // file vertex of each local node, or -1 (edge nodes)
+  std::vector<Point3> points;   // of each local node, m
   NodeExchange exchange;
 
   std::span<const int> nodes_of(int cell) const {
@@ -49,8 +49,8 @@ struct NodeSpace {
 
 // A tagged boundary triangle of a local cell.
 struct LocalFacet {
-  int cell = 0;    // local
-  int facet = 0;   // in the file's order
+  int cell = 0;   // local
+  int facet = 0;  // in the file's order
   int tag = 0;
   std::array<int, 3> corner{};  // which of the cell's four vertices, normal out of the tissue
 };

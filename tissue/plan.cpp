@@ -1,3 +1,4 @@
+#include <fmt/core.h>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -108,7 +109,8 @@ std::vector<std::string> names_of_tags(const std::array<mesh_tags::Tag, N>& tags
 
 // Sub-tables named by tags; refuses unknown names.
 template <std::size_t N>
-std::vector<int> named_tags(SettingsReader& table, const std::array<mesh_tags::Tag, N>& tags, const char* kind) {
+std::vector<int> named_tags(SettingsReader& table, const std::array<mesh_tags::Tag, N>& tags,
+                            const char* kind) {
   std::vector<int> named;
   for (const std::string& key : table.keys()) {
     bool known = false;
@@ -156,10 +158,13 @@ void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& wall) {
     plan->mesh_file = table.text("mesh", "");
     const std::vector<std::string> units = {"auto", "m", "cm", "mm", "um"};
     plan->mesh_unit = table.choice("mesh_unit", "auto", units, "unit of length");
-    // As written, or beside the scene.
-    if (!std::filesystem::exists(plan->mesh_file) && std::filesystem::exists(scene.folder / plan->mesh_file))
+    // As written, or beside the scene. A CARP mesh may be named without ending.
+    const auto exists = [](const std::filesystem::path& file) {
+      return std::filesystem::exists(file) || std::filesystem::exists(file.string() + ".pts");
+    };
+    if (!exists(plan->mesh_file) && exists(scene.folder / plan->mesh_file))
       plan->mesh_file = (scene.folder / plan->mesh_file).string();
-    if (!std::filesystem::exists(plan->mesh_file))
+    if (!exists(plan->mesh_file))
       throw InputError(fmt::format("{} = \"{}\": there is no such file, neither here nor beside the scene",
                                    table.place("mesh"), plan->mesh_file));
   } else {
@@ -179,8 +184,9 @@ void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& wall) {
                                              : shape == "heart"         ? std::vector<int>{LA, LV, RA, RV}
                                                                         : wall.cavities;
   if (!shape.empty() && chambers_of_shape != wall.cavities)
-    throw InputError(fmt::format("{}: shape \"{}\" has {} cavities, this wall encloses {}", table.place("shape"), shape,
-                                 chambers_of_shape.size(), wall.cavities.size()));
+    throw InputError(fmt::format("{}: shape \"{}\" has {} cavities, this wall encloses {}",
+                                 table.place("shape"), shape, chambers_of_shape.size(),
+                                 wall.cavities.size()));
 
   SettingsReader& fibres = table.table("fibres");
   const std::vector<std::string> rules = {"bayer", "doste", "file"};
@@ -198,13 +204,18 @@ void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& wall) {
   m.relative_tolerance = ep.number(keys::ep_tolerance);
   m.table_spacing_mV = ep.number(keys::table_spacing);
   m.fast_layer_thickness = ep.number(keys::fast_thickness);
+  const std::vector<std::string> currents(ionic_currents_names.begin(), ionic_currents_names.end());
+  m.currents = ep.choice("ionic_currents", "ici", currents, "treatment of ionic currents") == "svi"
+                   ? IonicCurrents::at_quadrature_points
+                   : IonicCurrents::interpolated;
   plan->feedback = ep.flag("mechano_electric_feedback", true);
   const std::vector<std::string> ep_solvers = {"cg-ilu", "cg-jacobi"};
   m.solver = ep.choice("solver", "cg-ilu", ep_solvers, "linear solver") == "cg-ilu" ? SolverKind::cg_ilu
                                                                                     : SolverKind::cg_jacobi;
   const auto conductivity = [](SettingsReader& t, double f, double s, double n) {
     constexpr double m2_per_s = 1e-3;  // in one mm^2/ms
-    const double a = t.number(keys::sigma_f, f), b = t.number(keys::sigma_s, s), c = t.number(keys::sigma_n, n);
+    const double a = t.number(keys::sigma_f, f), b = t.number(keys::sigma_s, s),
+                 c = t.number(keys::sigma_n, n);
     return Conductivity{m2_per_s * a, m2_per_s * b, m2_per_s * c};
   };
   plan->conductivity = conductivity(ep.table("conductivity"), 0.2, 0.11, 0.055);
@@ -225,10 +236,12 @@ void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& wall) {
     plan->stimuli.push_back(stimulus);
   }
   if (plan->stimuli.empty())
-    throw InputError(fmt::format("{}: tissue needs at least one stimulus, a table with x_mm, y_mm, z_mm and start_ms",
-                                 stimuli.place("apex")));
+    throw InputError(
+        fmt::format("{}: tissue needs at least one stimulus, a table with x_mm, y_mm, z_mm and start_ms",
+                    stimuli.place("apex")));
   SettingsReader& electrodes = table.table("electrodes");
-  for (const std::string& name : electrodes.keys()) plan->electrodes.push_back(read_place(electrodes.table(name)));
+  for (const std::string& name : electrodes.keys())
+    plan->electrodes.push_back(read_place(electrodes.table(name)));
 
   SettingsReader& mechanics = table.table("mechanics");
   MechanicsSettings& s = plan->mechanics;
@@ -242,7 +255,7 @@ void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& wall) {
   s.normalised_tension = mechanics.flag("normalised_tension", true);
   const std::vector<std::string> solvers = {"gmres-ilu", "gmres-gamg", "direct"};
   const std::string solver = mechanics.choice("solver", "gmres-ilu", solvers, "linear solver");
-  plan->solver = solver == "direct" ? SolverKind::direct
+  plan->solver = solver == "direct"       ? SolverKind::direct
                  : solver == "gmres-gamg" ? SolverKind::gmres_gamg
                                           : SolverKind::gmres_ilu;
   plan->residual_tolerance = mechanics.number(keys::newton);
@@ -255,17 +268,19 @@ void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& wall) {
   for (int tag : shape.empty() ? volumes_of("heart") : volumes_of(shape))
     if (std::find(tags.begin(), tags.end(), tag) == tags.end()) tags.push_back(tag);
   for (int tag : tags)
-    s.materials.push_back(read_material(materials.table(std::string(name_of_tag(mesh_tags::volumes, tag))), tag));
+    s.materials.push_back(
+        read_material(materials.table(std::string(name_of_tag(mesh_tags::volumes, tag))), tag));
 
   SettingsReader& supports = table.table("supports");
   std::vector<int> held = named_tags(supports, mesh_tags::surfaces, "surface tag");
-  const std::vector<int> usual = shape == "heart" ? std::vector<int>{mesh_tags::epicardium, mesh_tags::epicardium_fat,
-                                                                     mesh_tags::rings}
-                                                  : std::vector<int>{mesh_tags::epicardium, mesh_tags::epicardium_fat};
+  const std::vector<int> usual =
+      shape == "heart" ? std::vector<int>{mesh_tags::epicardium, mesh_tags::epicardium_fat, mesh_tags::rings}
+                       : std::vector<int>{mesh_tags::epicardium, mesh_tags::epicardium_fat};
   for (int tag : usual)
     if (std::find(held.begin(), held.end(), tag) == held.end()) held.push_back(tag);
   for (int tag : held)
-    s.supports.push_back(read_support(supports.table(std::string(name_of_tag(mesh_tags::surfaces, tag))), tag));
+    s.supports.push_back(
+        read_support(supports.table(std::string(name_of_tag(mesh_tags::surfaces, tag))), tag));
 
   SettingsReader& reference = table.table("reference");
   plan->recover_reference = reference.flag("recover", true);
@@ -286,14 +301,17 @@ std::shared_ptr<const TetMesh> make_mesh(const TissuePlan& plan, const std::vect
       std::copy(plan.shape_values.begin(), plan.shape_values.end(), defaults.begin());
       return defaults;
     };
+    // What the reader had to assume or mend is said: a wrong unit shows in the extent.
+    std::vector<std::string> notes;
     if (!plan.mesh_file.empty())
-      *mesh = read_mesh(plan.mesh_file, mesh_unit(plan.mesh_unit));
+      *mesh = read_mesh(plan.mesh_file, mesh_unit(plan.mesh_unit), &notes);
     else if (plan.shape == "ellipsoid")
       *mesh = make_ellipsoid(plan.size_mm, shape_of(EllipsoidShape{}));
     else if (plan.shape == "biventricular")
       *mesh = make_biventricular(plan.size_mm, shape_of(BiventricularShape{}));
     else
       *mesh = make_heart(plan.size_mm, shape_of(HeartShape{}));
+    for (const std::string& note : notes) fmt::print("note: {}: {}\n", plan.mesh_file, note);
     std::vector<int> closed;
     for (int chamber : chambers) closed.push_back(endocardium_of(chamber));
     require_sound(*mesh, closed, plan.mesh_file.empty() ? place : plan.mesh_file);

@@ -17,15 +17,22 @@ inline constexpr Quantity size{"size_mm", "mm", 4, 0.3, 20, "edge length of the 
 inline constexpr Quantity order{"order", "1", 1, 1, 2, "polynomial order of the finite elements"};
 inline constexpr Quantity ep_order{"order", "1", 2, 1, 2, "polynomial order of the potential"};
 inline constexpr Quantity tau{"tau_ms", "ms", 0.05, 1e-3, 0.5, "step of electrophysiology"};
-inline constexpr Quantity ep_tolerance{
-    "relative_tolerance", "1", 1e-8, 1e-12, 1e-2, "linear solver of the potential: residual over right-hand side"};
+inline constexpr Quantity ep_tolerance{"relative_tolerance",
+                                       "1",
+                                       1e-8,
+                                       1e-12,
+                                       1e-2,
+                                       "linear solver of the potential: residual over right-hand side"};
 inline constexpr Quantity table_spacing{
     "table_spacing_mV", "mV", 0.1, 0, 1, "tables of the ionic models' functions of potential; 0: none"};
 inline constexpr Quantity fast_thickness{
     "fast_layer", "1", 0.05, 0, 1, "thickness of the fast endocardial layer, share of the wall; 0: none"};
-inline constexpr Quantity sigma_f{"fibre_mm2_per_ms", "mm^2/ms", 0.2, 0, 100, "conductivity along the fibre over chi C_m"};
-inline constexpr Quantity sigma_s{"sheet_mm2_per_ms", "mm^2/ms", 0.11, 0, 100, "conductivity along the sheet over chi C_m"};
-inline constexpr Quantity sigma_n{"normal_mm2_per_ms", "mm^2/ms", 0.055, 0, 100, "conductivity along the normal over chi C_m"};
+inline constexpr Quantity sigma_f{
+    "fibre_mm2_per_ms", "mm^2/ms", 0.2, 0, 100, "conductivity along the fibre over chi C_m"};
+inline constexpr Quantity sigma_s{
+    "sheet_mm2_per_ms", "mm^2/ms", 0.11, 0, 100, "conductivity along the sheet over chi C_m"};
+inline constexpr Quantity sigma_n{
+    "normal_mm2_per_ms", "mm^2/ms", 0.055, 0, 100, "conductivity along the normal over chi C_m"};
 inline constexpr Quantity x{"x_mm", "mm", 0, -1e3, 1e3, "place"};
 inline constexpr Quantity y{"y_mm", "mm", 0, -1e3, 1e3, "place"};
 inline constexpr Quantity z{"z_mm", "mm", 0, -1e3, 1e3, "place"};
@@ -39,11 +46,20 @@ inline constexpr Quantity newton{
 inline constexpr Quantity linear{
     "linear_tolerance", "1", 1e-3, 1e-12, 0.5, "linear solver of mechanics: residual over right-hand side"};
 inline constexpr Quantity lag{
-    "tangent_every", "1", 1, 1, 1000, "steps for which tangent and preconditioner are kept while Newton converges well"};
-inline constexpr Quantity normal_stiffness{"normal_stiffness_Pa_per_m", "Pa/m", 0, 0, 1e9, "spring along the normal"};
-inline constexpr Quantity normal_damping{"normal_damping_Pa_s_per_m", "Pa s/m", 0, 0, 1e8, "dashpot along the normal"};
-inline constexpr Quantity full_stiffness{"full_stiffness_Pa_per_m", "Pa/m", 0, 0, 1e9, "spring in all directions"};
-inline constexpr Quantity full_damping{"full_damping_Pa_s_per_m", "Pa s/m", 0, 0, 1e8, "dashpot in all directions"};
+    "tangent_every",
+    "1",
+    1,
+    1,
+    1000,
+    "steps for which tangent and preconditioner are kept while Newton converges well"};
+inline constexpr Quantity normal_stiffness{"normal_stiffness_Pa_per_m", "Pa/m", 0, 0, 1e9,
+                                           "spring along the normal"};
+inline constexpr Quantity normal_damping{"normal_damping_Pa_s_per_m", "Pa s/m", 0, 0, 1e8,
+                                         "dashpot along the normal"};
+inline constexpr Quantity full_stiffness{"full_stiffness_Pa_per_m", "Pa/m", 0, 0, 1e9,
+                                         "spring in all directions"};
+inline constexpr Quantity full_damping{"full_damping_Pa_s_per_m",  "Pa s/m", 0, 0, 1e8,
+                                       "dashpot in all directions"};
 inline constexpr Quantity image_pressure{
     "image_pressure_mmHg", "mmHg", 8.6, 0, 100, "pressure in the cavities when the mesh's shape was taken"};
 inline constexpr Quantity n_s{"n_s", "1", 0, 0, 1, "share of active stress along the sheet"};

@@ -6,7 +6,8 @@ namespace wiggers {
 
 namespace {
 
-// All permutations of a barycentric point of the form (a, b, b, b) or (a, a, b, b), and their like on triangles.
+// All permutations of a barycentric point of the form (a, b, b, b) or (a, a, b, b), and their like on
+// triangles.
 template <int corners>
 void add_orbit(std::vector<QuadraturePoint<corners>>& points, double weight, double odd, double even) {
   for (int k = 0; k < corners; ++k) {

@@ -17,7 +17,8 @@ std::vector<Point3> vertex_displacement(const Mechanics& mechanics, std::size_t 
   std::vector<double> values(4 * static_cast<std::size_t>(space.n_own));
   for (int k = 0; k < space.n_own; ++k) {
     values[4 * k] = space.vertex[k];
-    for (int i = 0; i < 3; ++i) values[4 * k + 1 + i] = mechanics.displacement()[3 * static_cast<std::size_t>(k) + i];
+    for (int i = 0; i < 3; ++i)
+      values[4 * k + 1 + i] = mechanics.displacement()[3 * static_cast<std::size_t>(k) + i];
   }
   const auto all = mechanics.partition().gather(space, values.data(), 4);
   std::vector<Point3> d(n_points);
@@ -35,8 +36,9 @@ bool all_positive(const TetMesh& mesh) {
 }  // namespace
 
 std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const TetMesh>& image,
-                                                 const std::vector<double>& pressures_Pa, const MakeMechanics& make,
-                                                 const RecoverySettings& settings, RecoveryReport& report,
+                                                 const std::vector<double>& pressures_Pa,
+                                                 const MakeMechanics& make, const RecoverySettings& settings,
+                                                 RecoveryReport& report,
                                                  const std::function<void(double)>& on_step) {
   std::vector<Point3> X = image->points, good = X, last_good = X;
   EquilibriumSettings statics;
@@ -67,10 +69,12 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
         const NodeSpace& space = mechanics->nodes();
         auto& start = mechanics->displacement();
         std::vector<Point3> vertex_guess(X.size());
-        for (std::size_t k = 0; k < X.size(); ++k) vertex_guess[k] = guess.empty() ? image->points[k] - X[k] : guess[k];
+        for (std::size_t k = 0; k < X.size(); ++k)
+          vertex_guess[k] = guess.empty() ? image->points[k] - X[k] : guess[k];
         for (int k = 0; k < space.n_local; ++k)
           if (space.vertex[k] >= 0)
-            for (int i = 0; i < 3; ++i) start[3 * static_cast<std::size_t>(k) + i] = vertex_guess[space.vertex[k]][i];
+            for (int i = 0; i < 3; ++i)
+              start[3 * static_cast<std::size_t>(k) + i] = vertex_guess[space.vertex[k]][i];
         if (mechanics->settings().order == 2) {
           // Edge nodes between their vertices.
           for (std::size_t c = 0; c < mechanics->partition().cells().size(); ++c) {
@@ -116,7 +120,8 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
       ++report.fixed_point_iterations;
       double largest = 0;
       for (std::size_t k = 0; k < X.size(); ++k)
-        for (int i = 0; i < 3; ++i) largest = std::max(largest, std::abs(image->points[k][i] - X[k][i] - d[k][i]));
+        for (int i = 0; i < 3; ++i)
+          largest = std::max(largest, std::abs(image->points[k][i] - X[k][i] - d[k][i]));
       report.residual_m = largest;
       if (largest <= settings.tolerance_m) {
         converged = true;
@@ -144,10 +149,10 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
     } else {
       step *= 0.5;
       if (step < settings.smallest_step)
-        throw NumericalFailure(
-            fmt::format("recovery of the reference configuration: stopped at {:.0f} % of the image's load: {}. Lower "
-                        "image_pressure_mmHg, stiffen the material, or set reference.recover = false",
-                        100 * share, failure));
+        throw NumericalFailure(fmt::format(
+            "recovery of the reference configuration: stopped at {:.0f} % of the image's load: {}. Lower "
+            "image_pressure_mmHg, stiffen the material, or set reference.recover = false",
+            100 * share, failure));
     }
   }
   auto mesh = std::make_shared<TetMesh>(*image);
@@ -157,7 +162,8 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
   for (std::size_t c = 0; c < mesh->cells.size(); ++c) {
     report.smallest_volume_ratio =
         std::min(report.smallest_volume_ratio, cell_volume(*mesh, c) / cell_volume(*image, c));
-    report.smallest_dihedral_deg = std::min(report.smallest_dihedral_deg, smallest_dihedral_angle_deg(*mesh, c));
+    report.smallest_dihedral_deg =
+        std::min(report.smallest_dihedral_deg, smallest_dihedral_angle_deg(*mesh, c));
   }
   return mesh;
 }

@@ -1,8 +1,9 @@
 // The unloaded shape of a body that was imaged under load.
 //
 // Given the loaded coordinates x~ and the pressures p~, find X with X + d(X; p~) = x~: the fixed point
-// X <- X + omega (x~ - X - d(X)), the load raised in steps with the result of the last one as start; omega = 1,
-// halved when the increment grows or an element turns inside out. Fibres are computed anew on X by the caller.
+// X <- X + omega (x~ - X - d(X)), the load raised in steps with the result of the last one as start; omega =
+// 1, halved when the increment grows or an element turns inside out. Fibres are computed anew on X by the
+// caller.
 #pragma once
 
 #include <functional>
@@ -31,8 +32,9 @@ using MakeMechanics = std::function<std::unique_ptr<Mechanics>(std::shared_ptr<c
 // Returns the mesh with the unloaded points. `pressures_Pa` of the mechanics' surfaces. Collective. Throws
 // NumericalFailure when the smallest load step fails, with the load reached.
 std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const TetMesh>& image,
-                                                 const std::vector<double>& pressures_Pa, const MakeMechanics& make,
-                                                 const RecoverySettings& settings, RecoveryReport& report,
+                                                 const std::vector<double>& pressures_Pa,
+                                                 const MakeMechanics& make, const RecoverySettings& settings,
+                                                 RecoveryReport& report,
                                                  const std::function<void(double share)>& on_step = {});
 
 }  // namespace wiggers

@@ -96,7 +96,8 @@ struct TissueWall::Implementation {
     });
     if (!plan.mesh_file.empty())
       std::erase_if(s.supports, [&](const Support& m) {
-        return std::find(image->facet_tags.begin(), image->facet_tags.end(), m.tag) == image->facet_tags.end();
+        return std::find(image->facet_tags.begin(), image->facet_tags.end(), m.tag) ==
+               image->facet_tags.end();
       });
     return s;
   }
@@ -109,8 +110,8 @@ struct TissueWall::Implementation {
     mesh = std::move(unloaded);
     collectively(communicator, [&] { fibres = make_fibres(*mesh); });
     partition = std::make_unique<Partition>(mesh, communicator);
-    monodomain = std::make_unique<Monodomain>(*partition, &fibres, plan.electrophysiology, ionic, plan.stimuli,
-                                              image.get());
+    monodomain = std::make_unique<Monodomain>(*partition, &fibres, plan.electrophysiology, ionic,
+                                              plan.stimuli, image.get());
     activation = std::make_unique<Activation>(*partition, &fibres, force, rate, stabilise, true);
     mechanics = std::make_unique<Mechanics>(*partition, &fibres, mechanics_settings());
     solver = std::make_unique<LinearSolver>(mechanics->matrix(), plan.solver);
@@ -125,7 +126,8 @@ struct TissueWall::Implementation {
       for (std::size_t r = 0; r < ionic.size(); ++r)
         for (int tag : ionic[r].tags)
           if (tag == mesh->cell_tags[file]) region = static_cast<int>(r);
-      const auto at = vertices.nodes_of(static_cast<int>(c)), ep = monodomain->nodes().nodes_of(static_cast<int>(c));
+      const auto at = vertices.nodes_of(static_cast<int>(c)),
+                 ep = monodomain->nodes().nodes_of(static_cast<int>(c));
       for (int k = 0; k < 4; ++k) {
         ep_node[at[k]] = ep[k];
         region_of_node[at[k]] = region;
@@ -148,7 +150,8 @@ struct TissueWall::Implementation {
   std::vector<double> rescaled_calcium() const {
     const std::vector<double> at_nodes = monodomain->calcium_uM();
     std::vector<double> values(ep_node.size());
-    for (std::size_t k = 0; k < values.size(); ++k) values[k] = rescaling[region_of_node[k]](at_nodes[ep_node[k]]);
+    for (std::size_t k = 0; k < values.size(); ++k)
+      values[k] = rescaling[region_of_node[k]](at_nodes[ep_node[k]]);
     return values;
   }
 
@@ -193,7 +196,8 @@ struct TissueWall::Implementation {
     ++cost.solves;
     cost.solver_iterations += report.iterations;
     if (!report.converged)
-      throw NumericalFailure(fmt::format("walls.{}: the linear solver of mechanics failed, {}", name, report.reason));
+      throw NumericalFailure(
+          fmt::format("walls.{}: the linear solver of mechanics failed, {}", name, report.reason));
   }
 
   void assemble(bool tangent) {
@@ -212,8 +216,8 @@ struct TissueWall::Implementation {
   }
 };
 
-TissueWall::TissueWall(const Scene& scene, const WallPlan& wall, const std::map<std::string, PacedCellType>& cells,
-                       MPI_Comm communicator)
+TissueWall::TissueWall(const Scene& scene, const WallPlan& wall,
+                       const std::map<std::string, PacedCellType>& cells, MPI_Comm communicator)
     : me_(std::make_unique<Implementation>()) {
   auto& me = *me_;
   me.name = wall.name;
@@ -228,12 +232,13 @@ TissueWall::TissueWall(const Scene& scene, const WallPlan& wall, const std::map<
   me.dt_s = scene.dt_s;
   me.period_s = scene.period_s;
   if (me.plan.electrophysiology.tau_s > me.dt_s * (1 + 1e-9))
-    throw InputError(fmt::format("walls.{}.electrophysiology.tau_ms = {} is longer than solver.dt_s = {} s", me.name,
-                                 me.plan.electrophysiology.tau_s * units::ms_per_s, me.dt_s));
+    throw InputError(fmt::format("walls.{}.electrophysiology.tau_ms = {} is longer than solver.dt_s = {} s",
+                                 me.name, me.plan.electrophysiology.tau_s * units::ms_per_s, me.dt_s));
 
   me.image = make_mesh(me.plan, me.chambers, fmt::format("walls.{}", me.name), communicator);
   const auto has_tag = [&](int tag) {
-    return std::find(me.image->cell_tags.begin(), me.image->cell_tags.end(), tag) != me.image->cell_tags.end();
+    return std::find(me.image->cell_tags.begin(), me.image->cell_tags.end(), tag) !=
+           me.image->cell_tags.end();
   };
   const double period_ms = scene.period_s * units::ms_per_s;
   for (std::size_t r = 0; r < wall.fibres.size(); ++r) {
@@ -248,8 +253,9 @@ TissueWall::TissueWall(const Scene& scene, const WallPlan& wall, const std::map<
     const CellType& type = scene.cells.at(fibre.cells);
     const PacedCellType& paced = cells.at(fibre.cells);
     if (!type.ionic)
-      throw InputError(fmt::format("walls.{}: tissue needs an ionic model; cells {} are a prescribed transient",
-                                   me.name, fibre.cells));
+      throw InputError(
+          fmt::format("walls.{}: tissue needs an ionic model; cells {} are a prescribed transient", me.name,
+                      fibre.cells));
     // All cells start where their cycle is at the beat's start, the first stimulus being its onset.
     double onset_ms = fibre.activation_ms;
     if (onset_ms == 0) {
@@ -372,14 +378,15 @@ void TissueWall::linearise(const double* pressures, double* volumes, double* dV_
   me.assemble(me.iteration == 0 && old_enough);
   if (me.first_residual < 0) me.first_residual = me.balance.residual;
   const double floor = 1e-9;  // N, of the sums' round-off
-  me.balance_met =
-      me.iteration > 0 && me.balance.residual <= std::max(floor, me.plan.residual_tolerance * me.first_residual);
+  me.balance_met = me.iteration > 0 &&
+                   me.balance.residual <= std::max(floor, me.plan.residual_tolerance * me.first_residual);
   bool fresh = me.iteration == 0 && old_enough;
   if (!me.balance_met && me.iteration > 0) {
     if (me.iteration > 2 && me.balance.residual > 1e3 * me.first_residual)
       throw NumericalFailure(fmt::format(
-          "walls.{}: Newton diverges, residual {:.3g} N after {} iterations; smallest J {:.3g} in {}", me.name,
-          me.balance.residual, me.iteration, me.balance.smallest_J, me.mechanics->place_of_cell(me.balance.worst_cell)));
+          "walls.{}: Newton diverges, residual {:.3g} N after {} iterations; smallest J {:.3g} in {}",
+          me.name, me.balance.residual, me.iteration, me.balance.smallest_J,
+          me.mechanics->place_of_cell(me.balance.worst_cell)));
     const bool slow = me.balance.residual > 0.1 * me.last_residual;
     if (me.plan.tangent_every == 1 || slow) {
       me.assemble(true);
@@ -400,8 +407,8 @@ void TissueWall::linearise(const double* pressures, double* volumes, double* dV_
     me.y.assign(right.size(), 0.0);
     me.solve(right, me.y);
   }
-  // The response to the pressures changes little within a step: once is enough, what it misses is left to the next
-  // iteration.
+  // The response to the pressures changes little within a step: once is enough, what it misses is left to the
+  // next iteration.
   if ((fresh && me.iteration == 0) || !me.have_compliance) {
     for (std::size_t l = 0; l < m; ++l) me.solve(me.mechanics->load(static_cast<int>(l)), me.Y[l]);
     me.have_compliance = true;
@@ -434,8 +441,9 @@ void TissueWall::update(const double* pressure_change) {
     if (J > 0) break;
     ++me.cost.halvings;
     if (halvings == most_halvings)
-      throw NumericalFailure(fmt::format("walls.{}: no step of Newton keeps all elements upright: J = {:.3g} in {}",
-                                         me.name, J, me.mechanics->place_of_cell(cell)));
+      throw NumericalFailure(
+          fmt::format("walls.{}: no step of Newton keeps all elements upright: J = {:.3g} in {}", me.name, J,
+                      me.mechanics->place_of_cell(cell)));
   }
 }
 
@@ -472,8 +480,8 @@ void TissueWall::move_to(const double* volumes) {
   EquilibriumSettings statics;
   statics.relative_tolerance = 1e-6;
   for (std::size_t k = 0; k < me.n_cavities(); ++k)
-    me.pressures[k] = inflate_to_volume(*me.mechanics, static_cast<int>(k), volumes[k] * units::m3_per_mL, me.pressures,
-                                        statics);
+    me.pressures[k] = inflate_to_volume(*me.mechanics, static_cast<int>(k), volumes[k] * units::m3_per_mL,
+                                        me.pressures, statics);
   me.mechanics->accept();
   me.mechanics->accept();
   me.after_displacement_changed();
@@ -566,7 +574,8 @@ void TissueWall::output_values(double* values) const {
   MPI_Allreduce(sums, all, 5, MPI_DOUBLE, MPI_SUM, me.communicator);
   for (int k = 0; k < 4; ++k) values[k] = all[k] / all[4];
   values[4] = me.mechanics->smallest_volume_ratio(me.mechanics->last_displacement()).first;
-  for (std::size_t k = 0; k < me.plan.electrodes.size(); ++k) values[5 + k] = me.monodomain->lead(me.plan.electrodes[k]);
+  for (std::size_t k = 0; k < me.plan.electrodes.size(); ++k)
+    values[5 + k] = me.monodomain->lead(me.plan.electrodes[k]);
 }
 
 void TissueWall::open_fields(const std::string& folder, double resume_at_s) {
@@ -575,8 +584,9 @@ void TissueWall::open_fields(const std::string& folder, double resume_at_s) {
   me.fields_open = true;
   collectively(me.communicator, [&] {
     if (!me.first_rank) return;
-    me.series = std::make_unique<FieldSeries>(folder + "." + me.name, *me.mesh,
-                                              resume_at_s >= 0 ? std::optional<double>(resume_at_s) : std::nullopt);
+    me.series =
+        std::make_unique<FieldSeries>(folder + "." + me.name, *me.mesh,
+                                      resume_at_s >= 0 ? std::optional<double>(resume_at_s) : std::nullopt);
   });
   me.next_fields_s = resume_at_s;
 }
@@ -604,7 +614,8 @@ void TissueWall::write_fields(double time_s, double time_in_beat_s) {
     return field;
   };
   const NodeSpace &ep = me.monodomain->nodes(), &vertices = me.activation->nodes();
-  const auto displacement = on_vertices(me.mechanics->nodes(), me.mechanics->last_displacement().data(), 3, 0);
+  const auto displacement =
+      on_vertices(me.mechanics->nodes(), me.mechanics->last_displacement().data(), 3, 0);
   const auto potential = on_vertices(ep, me.monodomain->potential_mV(), 1, 0);
   const auto activation = on_vertices(ep, me.monodomain->activation_s().data(), 1, -1);
   const auto calcium = on_vertices(vertices, me.calcium.data(), 1, 0);
@@ -648,11 +659,13 @@ void TissueWall::report(std::map<std::string, WallFigure>& figures) const {
   put("tangents", static_cast<double>(me.cost.tangents), "1", "assemblies with tangent");
   put("residuals", static_cast<double>(me.cost.residuals), "1", "assemblies of the residual alone");
   put("solves", static_cast<double>(me.cost.solves), "1", "linear systems of mechanics");
-  put("solver_iterations", static_cast<double>(me.cost.solver_iterations), "1", "of the linear solver of mechanics");
+  put("solver_iterations", static_cast<double>(me.cost.solver_iterations), "1",
+      "of the linear solver of mechanics");
   put("rejected_steps", static_cast<double>(me.cost.rejected), "1", "steps repeated in halves");
   put("halved_updates", static_cast<double>(me.cost.halvings), "1", "Newton updates cut back for J > 0");
   put("reference_volume_ratio", me.recovery.smallest_volume_ratio, "1", "smallest, reference over image");
-  put("reference_smallest_angle", me.recovery.smallest_dihedral_deg, "deg", "smallest dihedral angle of the reference");
+  put("reference_smallest_angle", me.recovery.smallest_dihedral_deg, "deg",
+      "smallest dihedral angle of the reference");
 }
 
 }  // namespace wiggers

@@ -1,3 +1,5 @@
+#include "application.hpp"
+
 #include <cstdio>
 #include <exception>
 #include <wiggers/core/errors.hpp>
@@ -5,7 +7,6 @@
 #include <wiggers/heart/summary.hpp>
 #include <wiggers/heart/tissue_kind.hpp>
 
-#include "application.hpp"
 #include "verbs.hpp"
 
 namespace wiggers::command {

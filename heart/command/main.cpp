@@ -1,5 +1,5 @@
-// wiggers: from a single heart cell to a full beat. This executable starts at once because it links none of the
-// libraries of the 3D tissue; where those are asked for, it hands over to wiggers-3d beside it.
+// wiggers: from a single heart cell to a full beat. This executable starts at once because it links none of
+// the libraries of the 3D tissue; where those are asked for, it hands over to wiggers-3d beside it.
 #include <fmt/core.h>
 #include <unistd.h>
 

@@ -92,7 +92,9 @@ void add_run(CLI::App& app) {
       run.resume(o->resume);
     run.advance(style, result);
     for (const std::string& warning : run.scene().warnings) fmt::print("note: {}\n", warning);
-    fmt::print("{}\n\n{}\n", run.scene().title, index_table(run.indexes(), run.scene().body_surface_area_m2));
+    fmt::print("{}\n", run.scene().title);
+    if (run.has_whole_beat())
+      fmt::print("\n{}\n", index_table(run.indexes(), run.scene().body_surface_area_m2));
     const auto& certificate = run.certificate();
     fmt::print("limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
                to_string(certificate.verdict), certificate.distance, certificate.beats,

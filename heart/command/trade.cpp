@@ -126,8 +126,9 @@ void add_trade(CLI::App& app) {
     verb->add_option("scene", o->subject, "scene file (TOML)")->required();
     verb->add_option("--set", o->set, "change a key of the scene")->take_all();
     verb->callback([o] {
-      Progress progress = progress_of(*o, "trade heart");
-      const TradeStudy study = trade_heart(o->subject, o->set, progress);
+      const bool tissue = has_tissue(o->subject, o->set);
+      Progress progress = progress_of(*o, tissue ? "trade tissue" : "trade heart");
+      const TradeStudy study = (tissue ? trade_tissue : trade_heart)(o->subject, o->set, progress);
       progress.finish();
       finish(study, *o);
     });

@@ -63,6 +63,8 @@ void run(const Options& o) {
   const FibreRule rule = fibre_rule(from_file ? FibreRuleKind::bayer : fibre_rule_kind(o.rule), o.angles);
   if (std::filesystem::path(o.output).extension() != ".vtu")
     throw InputError(fmt::format("-o: '{}' must end in .vtu, the format ParaView opens", o.output));
+  if (!std::filesystem::exists(o.mesh) && !std::filesystem::exists(o.mesh + ".pts"))
+    throw InputError(fmt::format("{}: no such mesh file", o.mesh));
   require_writable(o.output, "-o");
   refuse_overwriting(o.output, "-o", o.mesh);
 

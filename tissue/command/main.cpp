@@ -31,7 +31,8 @@ int main(int argc, char** argv) {
   int rank = 0;
   MPI_Comm_rank(MPI_COMM_WORLD, &rank);
   // Errors known to all are said once; one that only this rank met ends all below.
-  if (rank > 0 && (!std::freopen("/dev/null", "w", stdout) || !std::freopen("/dev/null", "w", stderr))) return 1;
+  if (rank > 0 && (!std::freopen("/dev/null", "w", stdout) || !std::freopen("/dev/null", "w", stderr)))
+    return 1;
   register_tissue();
   const int status = command::run_application(argc, argv, [](CLI::App& app) {
     command::add_mesh(app);

@@ -1,8 +1,10 @@
 #include <fmt/core.h>
+#include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
 #include <array>
 #include <chrono>
+#include <filesystem>
 #include <memory>
 #include <span>
 #include <string>
@@ -59,6 +61,8 @@ void add_mesh_check(CLI::App& verb) {
   sub->add_option("file", o->file, ".msh (gmsh 2.2, 4.1), .vtk, .vtu, or .pts with .elem (CARP)")->required();
   sub->add_option("--unit", o->unit, "unit of its lengths: auto | m | cm | mm | um [auto]");
   sub->callback([o] {
+    if (!std::filesystem::exists(o->file) && !std::filesystem::exists(o->file + ".pts"))
+      throw InputError(fmt::format("{}: no such mesh file", o->file));
     std::vector<std::string> notes;
     const TetMesh mesh = read_mesh(o->file, mesh_unit(o->unit), &notes);
     for (const std::string& note : notes) fmt::print("note: {}\n", note);

@@ -1,0 +1,78 @@
+"""Runs the published verification problems of the 3D tissue and writes docs/benchmarks-3d.md.
+
+    python docs/make_benchmarks_3d.py build/wiggers-3d docs [ranks]
+
+What stands in the page is what the commands print, with the commands.
+"""
+
+import os
+import platform
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+SECTIONS = [
+    ("Monodomain slab (Niederer et al. 2011)",
+     "TTP06 epicardial cells, quadratic tetrahedra, ionic currents interpolated at nodes (ICI). The mean and the standard "
+     "deviation are of eleven codes at dx = 0.1 mm, dt = 0.01 ms.",
+     ["slab --dx-mm 0.5 --dt-ms 0.05", "slab --dx-mm 0.5 --dt-ms 0.01", "slab --dx-mm 0.25 --dt-ms 0.05",
+      "slab --dx-mm 0.25 --dt-ms 0.01", "slab --dx-mm 0.5 --dt-ms 0.05 --svi",
+      "slab --dx-mm 0.5 --order 1 --end-ms 150"]),
+    ("Bending beam (Land et al. 2015, problem 1)",
+     "The deformed position of (10, 0.5, 1). B is the bulk modulus of the penalty; P2/P0 takes the volume ratio from its "
+     "mean over the element. The incompressible limit is 9.1765, 4.1695; at B = 50 kPa z = 4.194, at 1000 kPa 4.171. "
+     "Linear tetrahedra lock.",
+     ["beam --bricks 20 2 2 --quadrature 5", "beam --bricks 40 4 4 --quadrature 5",
+      "beam --bricks 20 2 2 --bulk-kPa 50", "beam --bricks 40 4 4 --bulk-kPa 50",
+      "beam --bricks 20 2 4 --grading 4 --mean-dilatation", "beam --bricks 30 3 6 --grading 6 --mean-dilatation",
+      "beam --bricks 40 4 4 --order 1 --bulk-kPa 50", "beam --bricks 40 4 4 --order 1"]),
+    ("Inflated ellipsoid (Land et al. 2015, problem 2)",
+     "A quarter with two planes of symmetry, edges of quadratic tetrahedra on the surface, mesh graded to the apices.",
+     ["ellipsoid --size-mm 3 --apex-mm 1.5", "ellipsoid --size-mm 2.5 --apex-mm 1.25", "ellipsoid --size-mm 2 --apex-mm 1",
+      "ellipsoid --size-mm 2.5 --apex-mm 2.5", "ellipsoid --size-mm 2.5 --apex-mm 1.25 --order 1 --bulk-kPa 50"]),
+    ("Thick sphere: the reduced wall's formula against the three-dimensional law",
+     "Cavity volume at three pressures. The helix-independent coefficients make the reduced wall's formula exact; the "
+     "project's own coefficients show its modelling error.",
+     ["sphere --size-mm 8", "sphere --size-mm 4", "sphere --size-mm 4 --bulk-kPa 1000", "sphere --size-mm 6 --mean-dilatation --bulk-kPa 1000",
+      "sphere --size-mm 4 --bulk-kPa 1000 --project-coefficients"]),
+]
+
+
+def processor():
+    for line in Path("/proc/cpuinfo").read_text().splitlines():
+        if line.startswith("model name"):
+            return line.split(":")[1].strip()
+    return platform.processor()
+
+
+def main():
+    command, folder = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
+    ranks = int(sys.argv[3]) if len(sys.argv) > 3 else 2
+    only = sys.argv[4] if len(sys.argv) > 4 else ""
+    environment = dict(os.environ, OMP_NUM_THREADS="1", OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1",
+                       OMPI_MCA_rmaps_base_oversubscribe="1")
+    page = ["# Published benchmarks of the 3D tissue", "",
+            f"Made by `make benchmarks-3d` on {ranks} MPI ranks of an {processor()}; each block is what its command prints. "
+            "Times depend on the machine and its load.", ""]
+    failed = 0
+    for title, text, cases in SECTIONS:
+        page += [f"## {title}", "", text, ""]
+        for case in cases:
+            if only and only not in case:
+                continue
+            begin = time.monotonic()
+            run = subprocess.run(["mpirun", "-n", str(ranks), str(command), "benchmark", *case.split()], env=environment,
+                                 capture_output=True, text=True)
+            output = run.stdout.strip()
+            if run.returncode:
+                failed += 1
+                output += "\n" + next((line for line in run.stderr.splitlines() if line.startswith("wiggers:")), run.stderr[-300:])
+            print(f"{case}: {time.monotonic() - begin:.0f} s", flush=True)
+            page += ["```", f"$ wiggers benchmark {case}", output.strip(), "```", ""]
+    (folder / "benchmarks-3d.md").write_text("\n".join(page))
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
