@@ -186,8 +186,13 @@ struct Monodomain::Implementation {
               const int node = space.nodes_of(cell)[a];
               const double N = shapes[q].value[a];
               region.point_potential[point] += N * star[node];
-              for (std::size_t i = 0; i < n_states; ++i)
-                region.point_states[point * n_states + i] += N * states[node * n_states + i];
+              for (std::size_t i = 0; i < n_states; ++i) {
+                // Concentrations linearly, from the vertices: quadratic interpolation of a steep one is
+                // negative.
+                const bool linear = region.plan.model->states[i].unit == "mM";
+                const double weight = linear ? (a < 4 ? rule[q].at[a] : 0.0) : N;
+                region.point_states[point * n_states + i] += weight * states[node * n_states + i];
+              }
             }
         region.at_points->assign_states(0, region.point_states);
         region.at_points->assign_states(1, region.point_states);
