@@ -200,7 +200,8 @@ void FieldSeries::remove_unlisted_frames() const {
   for (const auto& entry : fs::directory_iterator(folder_)) {
     const std::string name = entry.path().filename().string();
     // A kill in the middle of a frame leaves its unfinished neighbour (see write_file_atomically).
-    const bool unfinished = name.starts_with("frame_") && name.ends_with(".partial");
+    const bool unfinished =
+        (name.starts_with("frame_") || name.starts_with("index.pvd.")) && name.ends_with(".partial");
     if (unfinished || (is_frame_name(name) && !listed.contains(name))) superfluous.push_back(entry.path());
   }
   for (const fs::path& path : superfluous) fs::remove(path);

@@ -284,7 +284,8 @@ void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& wall) {
 
   SettingsReader& reference = table.table("reference");
   plan->recover_reference = reference.flag("recover", true);
-  plan->image_pressure_mmHg = reference.number(keys::image_pressure);
+  for (int chamber : wall.cavities)
+    plan->image_pressure_mmHg[chamber] = reference.number(keys::image_pressures[chamber]);
   plan->right_share = table.number(keys::right_share);
   plan->fields_every_ms = table.number(keys::fields_every);
   wall.tissue = std::move(plan);

@@ -60,8 +60,17 @@ inline constexpr Quantity full_stiffness{"full_stiffness_Pa_per_m", "Pa/m", 0, 0
                                          "spring in all directions"};
 inline constexpr Quantity full_damping{"full_damping_Pa_s_per_m",  "Pa s/m", 0, 0, 1e8,
                                        "dashpot in all directions"};
-inline constexpr Quantity image_pressure{
-    "image_pressure_mmHg", "mmHg", 8.6, 0, 100, "pressure in the cavities when the mesh's shape was taken"};
+// In the order of the chambers; the founding paper's loads for recovery (1200, 1150, 900 and 650 Pa).
+inline constexpr std::array<Quantity, n_chambers> image_pressures = {{
+    {"image_pressure_LA_mmHg", "mmHg", 9.0, 0, 100,
+     "pressure in the left atrium when the mesh's shape was taken"},
+    {"image_pressure_LV_mmHg", "mmHg", 8.6, 0, 100,
+     "pressure in the left ventricle when the mesh's shape was taken"},
+    {"image_pressure_RA_mmHg", "mmHg", 6.75, 0, 100,
+     "pressure in the right atrium when the mesh's shape was taken"},
+    {"image_pressure_RV_mmHg", "mmHg", 4.9, 0, 100,
+     "pressure in the right ventricle when the mesh's shape was taken"},
+}};
 inline constexpr Quantity n_s{"n_s", "1", 0, 0, 1, "share of active stress along the sheet"};
 inline constexpr Quantity right_share{
     "right_share", "1", 0.7, 0, 10, "a_XB of the right ventricle over that of the left"};
@@ -89,7 +98,7 @@ struct TissuePlan {
   double residual_tolerance = 1e-5, linear_tolerance = 1e-3;
   int tangent_every = 1;
   bool recover_reference = true;
-  double image_pressure_mmHg = 8.6;
+  std::array<double, n_chambers> image_pressure_mmHg{};
   double right_share = 0.7;
   double fields_every_ms = 10;
 };

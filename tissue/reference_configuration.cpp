@@ -55,6 +55,7 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
     double omega = 1, before = std::numeric_limits<double>::infinity();
     bool converged = false;
     std::vector<Point3> guess;  // of the displacement, from the last iteration
+    std::vector<double> last_residual;
     for (int iteration = 0; iteration < settings.max_iterations; ++iteration) {
       auto mesh = std::make_shared<TetMesh>(*image);
       mesh->points = X;
@@ -127,8 +128,24 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
         converged = true;
         break;
       }
-      if (largest > before) omega = std::max(0.125, 0.5 * omega);
+      // Aitken: the relaxation that would have been best for the last two residuals. A residual that grows
+      // halves it.
+      std::vector<double> residual;
+      residual.reserve(3 * X.size());
+      for (std::size_t k = 0; k < X.size(); ++k)
+        for (int i = 0; i < 3; ++i) residual.push_back(image->points[k][i] - X[k][i] - d[k][i]);
+      if (!last_residual.empty()) {
+        double along = 0, squares = 0;
+        for (std::size_t k = 0; k < residual.size(); ++k) {
+          const double change = residual[k] - last_residual[k];
+          along += last_residual[k] * change;
+          squares += change * change;
+        }
+        omega = std::clamp(-omega * along / squares, 0.1, 2.0);
+      }
+      if (largest > before) omega = std::max(0.1, std::min(omega, 0.5));
       before = largest;
+      last_residual = std::move(residual);
       guess = d;
       for (std::size_t k = 0; k < X.size(); ++k)
         for (int i = 0; i < 3; ++i) {

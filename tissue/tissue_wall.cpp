@@ -295,7 +295,9 @@ std::span<const int> TissueWall::cavities() const { return me_->chambers; }
 void TissueWall::start(const double&, const double* volumes, double* pressures) {
   auto& me = *me_;
   std::shared_ptr<const TetMesh> unloaded = me.image;
-  std::vector<double> image_pressures(me.n_cavities(), me.plan.image_pressure_mmHg * units::Pa_per_mmHg);
+  std::vector<double> image_pressures;
+  for (int chamber : me.chambers)
+    image_pressures.push_back(me.plan.image_pressure_mmHg[chamber] * units::Pa_per_mmHg);
   if (me.plan.recover_reference) {
     Progress progress(fmt::format("walls.{}: unloaded shape", me.name),
                       me.first_rank ? Progress::Style::automatic : Progress::Style::quiet);
@@ -584,11 +586,13 @@ void TissueWall::open_fields(const std::string& folder, double resume_at_s) {
   me.fields_open = true;
   collectively(me.communicator, [&] {
     if (!me.first_rank) return;
-    me.series =
-        std::make_unique<FieldSeries>(folder + "." + me.name, *me.mesh,
-                                      resume_at_s >= 0 ? std::optional<double>(resume_at_s) : std::nullopt);
+    // A frame of the moment at which the run goes on is written anew.
+    me.series = std::make_unique<FieldSeries>(
+        folder + "." + me.name, *me.mesh,
+        resume_at_s >= 0 ? std::optional<double>(resume_at_s - 1e-6) : std::nullopt);
   });
-  me.next_fields_s = resume_at_s;
+  const double every = me.plan.fields_every_ms * units::s_per_ms;
+  me.next_fields_s = resume_at_s >= 0 ? std::ceil(resume_at_s / every - 1e-6) * every : -1;
 }
 
 void TissueWall::write_fields(double time_s, double time_in_beat_s) {
