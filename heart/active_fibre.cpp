@@ -67,7 +67,8 @@ void ActiveFibreOf<T>::begin_step(const T& t, const T& dt) {
           fmt::format("{}: probability {} = {} of RDQ20 left [0, 1]; try a smaller {}.", place_,
                       Rdq20::states[i].name, value_of(bridges_[i]),
                       settings_.regulation == RegulationScheme::midpoint ? "dt_s" : "regulatory_substep_us"));
-  const T v_before = -(stretch_ - stretch_before_) / dt;  // shortening positive
+  const T v_before =
+      -(stretch_ - stretch_before_) / (dt_before_ > 0.0 ? dt_before_ : dt);  // shortening positive
   std::copy(bridges_.begin() + 16, bridges_.end(), moments_before_.begin());
   force_.step_crossbridges(bridges_.data(), regulation_,
                            settings_.rate == RateScheme::lagged ? v_before : T(0.0), dt);
@@ -106,6 +107,7 @@ void ActiveFibreOf<T>::accept_step(const T& stretch) {
   stiffness_ = 0;
   stretch_before_ = stretch_;
   stretch_ = stretch;
+  dt_before_ = dt_;
 }
 
 template <class T>
@@ -127,6 +129,7 @@ void ActiveFibreOf<T>::restore(std::span<const T>& in) {
   stretch_before_ = take_saved(in);
   tension_ = take_saved(in);
   calcium_before_ = take_saved(in);
+  dt_before_ = -1;
   stiffness_ = 0;
   for (T& value : bridges_) value = take_saved(in);
   cell_->restore(in);

@@ -89,8 +89,8 @@ class ActiveFibreOf {
   T stretch_ = 1, stretch_before_ = 1;  // at the start of the step, and one step earlier
   T calcium_before_ = -1;               // at the start of the step; negative: not known yet
   // Of the current step.
-  T tension_ = 0, stiffness_ = 0;  // kPa, rest tension removed
-  T dt_ = 1;
+  T tension_ = 0, stiffness_ = 0;      // kPa, rest tension removed
+  T dt_ = 1, dt_before_ = -1;          // of this step and the one before it; negative: the same
   Rdq20::Regulation<T> regulation_{};  // implicit rate: to repeat the bridge step
   std::array<T, 4> moments_before_{};
 };

@@ -318,10 +318,7 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
         }
       }
       audit_ = beat_->audit;
-      if (beat_->steps < driver_->steps_per_beat()) {
-        trace_ = beat_->trace;
-        break;
-      }
+      if (beat_->steps < driver_->steps_per_beat()) break;
       trace = std::move(beat_->trace);
       beat_.reset();
     } catch (const NumericalFailure& failure) {
@@ -378,6 +375,11 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
                                ? LimitCycleVerdict::period_1
                                : LimitCycleVerdict::not_converged;
   complete_ = true;
+  if (beat_) {
+    // Ended within a beat: its rows are what there is to show.
+    trace_ = beat_->trace;
+    audit_ = beat_->audit;
+  }
   cost_.heart_s = heart_before + seconds_since(begin);
   if (has_tissue_) {
     for (const auto& wall : driver_->walls()) wall->write_fields(time_s(), scene_.period_s);

@@ -58,7 +58,8 @@ class WallOf {
   virtual double volume_tolerance_mL() const { return 0; }
   virtual bool may_halve_steps() const { return false; }
 
-  // Moves the wall to other volumes between two beats (limit-cycle acceleration), rates kept.
+  // Moves the wall to other volumes between two beats (limit-cycle acceleration), rates kept (3D tissue: at
+  // rest).
   virtual void move_to(const T* volumes) = 0;
 
   virtual void save(std::vector<T>& out) const = 0;

@@ -27,7 +27,7 @@ struct Activation::Implementation {
   const Partition& partition;
   NodeSpace space;
   RateScheme rate;
-  bool stabilise, subtract_rest;
+  bool stabilise;
   std::vector<Region> regions;
   std::vector<double> strength;  // a_XB over the region's own, own nodes
   std::vector<double> tension, stiffness, accepted;
@@ -84,22 +84,22 @@ struct Activation::Implementation {
                            Rdq20::overlap(SL, region.plan.parameters.data());
       const double* y = &region.states[k * n_states];
       const double* before = &region.states_before[k * n_states];
-      const double moment = y[Rdq20::mu1_P] + y[Rdq20::mu1_N] - (subtract_rest ? region.rest_moment : 0);
-      tension[node] = scale * std::max(0.0, moment);
+      const double moment =
+          y[Rdq20::mu1_P] + y[Rdq20::mu1_N] - (region.plan.subtract_rest_tension ? region.rest_moment : 0);
+      tension[node] = region.plan.active ? scale * std::max(0.0, moment) : 0.0;
       double bridges = y[Rdq20::mu0_P] + y[Rdq20::mu0_N];
       if (mean_stiffness) bridges = 0.5 * (bridges + before[Rdq20::mu0_P] + before[Rdq20::mu0_N]);
-      stiffness[node] = stabilise && rate != RateScheme::none ? scale * bridges : 0.0;
+      stiffness[node] = region.plan.active && stabilise && rate != RateScheme::none ? scale * bridges : 0.0;
     }
   }
 };
 
 Activation::Activation(const Partition& partition, const FibreField* fibres, std::vector<ForceRegion> regions,
-                       RateScheme rate, bool stabilise, bool subtract_rest_tension)
+                       RateScheme rate, bool stabilise)
     : me_(std::make_unique<Implementation>(partition)) {
   auto& me = *me_;
   me.rate = rate;
   me.stabilise = stabilise;
-  me.subtract_rest = subtract_rest_tension;
   const TetMesh& mesh = partition.mesh();
   std::vector<int> region_of(me.space.n_own, -1);
   collectively(partition.communicator(), [&] {

@@ -20,19 +20,21 @@ struct ForceRegion {
   std::vector<double> parameters;  // RDQ20's
   double rest_calcium_uM = 0;      // whose steady tension is removed
   double right_share = 1;          // a_XB of the right ventricle over that of the left
+  bool active = true;              // false: no tension at all
+  bool subtract_rest_tension = true;
 };
 
 class Activation {
  public:
   // Collective.
   Activation(const Partition& partition, const FibreField* fibres, std::vector<ForceRegion> regions,
-             RateScheme rate, bool stabilise, bool subtract_rest_tension);
+             RateScheme rate, bool stabilise);
   ~Activation();
 
   const NodeSpace& nodes() const;  // vertices of the myocardium
 
-  // Advances over dt (s). Per local node: calcium (uM) at the step's end, stretch at its start and one step
-  // (dt_before) earlier. Collective.
+  // Advances over dt (s). Per local node: calcium (uM), its mean over the step, stretch at its start and one
+  // step (dt_before) earlier. Collective.
   void begin_step(double dt_s, std::span<const double> calcium_uM, std::span<const double> stretch,
                   std::span<const double> stretch_before, double dt_before_s);
   // The step is done; with the implicit rate the bridges move again with the rate it had.

@@ -110,6 +110,12 @@ struct Newton {
 
 }  // namespace
 
+EquilibriumSettings static_settings(const NodeSpace& space) {
+  EquilibriumSettings settings;
+  settings.solver = 3L * space.n_global <= 60000 ? SolverKind::direct : SolverKind::gmres_gamg;
+  return settings;
+}
+
 EquilibriumReport find_equilibrium(Mechanics& mechanics, const LoadPath& loads,
                                    const EquilibriumSettings& settings, const TensionPath& tension,
                                    const std::function<void(double)>& on_step) {
@@ -169,6 +175,7 @@ double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3, st
     int iteration = 0;
     double first = -1;
     for (; iteration < settings.max_newton; ++iteration) {
+      if (mechanics.partition().any(interrupt_requested())) throw Interrupted("stopped on request");
       const Balance balance = mechanics.assemble(pressures, true);
       if (!balance.finite || !(balance.smallest_J > 0)) {
         newton.failure = fmt::format("an element is turned inside out: J = {:.3g} in {}", balance.smallest_J,

@@ -24,6 +24,9 @@ struct EquilibriumSettings {
   bool secant_predictor = true;
 };
 
+// Direct up to 60 000 unknowns, where its memory and time stop being modest, multigrid above.
+EquilibriumSettings static_settings(const NodeSpace& space);
+
 struct EquilibriumReport {
   int load_steps = 0, failed_steps = 0, newton_iterations = 0, linear_iterations = 0;
   double smallest_J = 0;

@@ -63,7 +63,7 @@ struct Mechanics::Implementation {
   std::vector<double> d, d_last, d_before;
   std::vector<double> stretch_last;  // fibre stretch at d_last, [cell][quadrature point]
   std::vector<CellTension> tension;
-  double dt = 0;
+  double dt = 0, dt_ratio = 1;  // the step, and over the one before it
   std::vector<double> r;
   std::vector<std::vector<double>> loads;
 
@@ -299,7 +299,7 @@ struct Mechanics::Implementation {
       for (int a = 0; a < n; ++a)
         for (int i = 0; i < 3; ++i) {
           const std::size_t k = 3 * static_cast<std::size_t>(nodes[a]) + i;
-          acceleration[a][i] = d[k] - 2 * d_last[k] + d_before[k];
+          acceleration[a][i] = d[k] - d_last[k] - dt_ratio * (d_last[k] - d_before[k]);
         }
       for (int a = 0; a < n; ++a)
         for (int b = 0; b < n; ++b) {
@@ -588,7 +588,10 @@ std::vector<double>& Mechanics::displacement() { return me_->d; }
 const std::vector<double>& Mechanics::displacement() const { return me_->d; }
 std::vector<double>& Mechanics::last_displacement() { return me_->d_last; }
 std::vector<double>& Mechanics::displacement_before_last() { return me_->d_before; }
-void Mechanics::set_step(double dt_s) { me_->dt = dt_s; }
+void Mechanics::set_step(double dt_s, double dt_last_s) {
+  me_->dt = dt_s;
+  me_->dt_ratio = dt_last_s > 0 ? dt_s / dt_last_s : 1;
+}
 void Mechanics::set_tension(std::vector<CellTension> tension) {
   me_->tension = std::move(tension);
   if (!me_->tension.empty()) me_->update_stretch();

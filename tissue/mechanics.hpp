@@ -93,8 +93,8 @@ class Mechanics {
   std::vector<double>& last_displacement();
   std::vector<double>& displacement_before_last();
 
-  // Step length of the next balances, s; 0: static.
-  void set_step(double dt_s);
+  // Length of the step of the next balances, and of the one before it, s; 0: static.
+  void set_step(double dt_s, double dt_last_s = 0);
   // Active tension and stiffness of all local cells; the stretch they are referred to is that of
   // last_displacement(). Empty: none.
   void set_tension(std::vector<CellTension> tension);

@@ -92,7 +92,7 @@ class Monodomain {
   const std::vector<double>& activation_s() const;
   void forget_activation();
 
-  // - integral of D grad u . grad(1/|x - electrode|), mV m (no absolute scale): a pseudo-ECG lead.
+  // - integral of D grad u . grad(1/|x - electrode|), mV m^2/s (no absolute scale): a pseudo-ECG lead.
   double lead(const Point3& electrode) const;
 
   const MonodomainCost& cost() const;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <set>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/scene_keys.hpp>
@@ -28,14 +29,12 @@ Point3 read_place(SettingsReader& table) {
 // Names of shapes' quantities have dashes on the command line and underscores in scenes.
 template <std::size_t N>
 std::vector<double> read_shape(SettingsReader& table, const std::array<Quantity, N>& quantities) {
+  static std::set<std::string> names;  // a Quantity's name is a view: the text must live on
   std::vector<double> values;
-  for (const Quantity& q : quantities) {
-    static std::vector<std::unique_ptr<std::string>> names;  // a Quantity's name must live on
-    auto name = std::make_unique<std::string>(q.name);
-    std::replace(name->begin(), name->end(), '-', '_');
-    Quantity key = q;
-    key.name = *name;
-    names.push_back(std::move(name));
+  for (Quantity key : quantities) {
+    std::string name(key.name);
+    std::replace(name.begin(), name.end(), '-', '_');
+    key.name = *names.insert(std::move(name)).first;
     values.push_back(table.number(key));
   }
   return values;
@@ -203,6 +202,9 @@ void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& wall) {
   m.tau_s = units::s_per_ms * ep.number(keys::tau);
   m.relative_tolerance = ep.number(keys::ep_tolerance);
   m.table_spacing_mV = ep.number(keys::table_spacing);
+  if (m.table_spacing_mV > 0 && m.table_spacing_mV < 0.01)
+    throw InputError(fmt::format("{} = {} is outside 0.01 to 1 mV (0: no tables)",
+                                 ep.place("table_spacing_mV"), m.table_spacing_mV));
   m.fast_layer_thickness = ep.number(keys::fast_thickness);
   const std::vector<std::string> currents(ionic_currents_names.begin(), ionic_currents_names.end());
   m.currents = ep.choice("ionic_currents", "ici", currents, "treatment of ionic currents") == "svi"
@@ -230,9 +232,10 @@ void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& wall) {
     stimulus.start_s = units::s_per_ms * s.number(keys::start);
     stimulus.duration_s = units::s_per_ms * s.number(keys::duration);
     stimulus.amplitude_V_per_s = s.number(keys::amplitude);
-    if (stimulus.start_s >= scene.period_s)
-      throw InputError(fmt::format("{} = {} ms is not within the period of {} s", s.place("start_ms"),
-                                   stimulus.start_s * units::ms_per_s, scene.period_s));
+    if (stimulus.start_s + stimulus.duration_s > scene.period_s * (1 + 1e-9))
+      throw InputError(fmt::format("{} = {} ms: the stimulus of {} ms does not end within the period of {} s",
+                                   s.place("start_ms"), stimulus.start_s * units::ms_per_s,
+                                   stimulus.duration_s * units::ms_per_s, scene.period_s));
     plan->stimuli.push_back(stimulus);
   }
   if (plan->stimuli.empty())
@@ -264,6 +267,7 @@ void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& wall) {
 
   SettingsReader& materials = table.table("materials");
   std::vector<int> tags = named_tags(materials, mesh_tags::volumes, "volume tag");
+  plan->named_tags = tags;
   // A mesh file may hold any of them; which it holds is seen when it is read.
   for (int tag : shape.empty() ? volumes_of("heart") : volumes_of(shape))
     if (std::find(tags.begin(), tags.end(), tag) == tags.end()) tags.push_back(tag);
@@ -273,6 +277,7 @@ void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& wall) {
 
   SettingsReader& supports = table.table("supports");
   std::vector<int> held = named_tags(supports, mesh_tags::surfaces, "surface tag");
+  plan->named_tags.insert(plan->named_tags.end(), held.begin(), held.end());
   const std::vector<int> usual =
       shape == "heart" ? std::vector<int>{mesh_tags::epicardium, mesh_tags::epicardium_fat, mesh_tags::rings}
                        : std::vector<int>{mesh_tags::epicardium, mesh_tags::epicardium_fat};

@@ -97,6 +97,7 @@ struct TissuePlan {
   SolverKind solver = SolverKind::gmres_ilu;
   double residual_tolerance = 1e-5, linear_tolerance = 1e-3;
   int tangent_every = 1;
+  std::vector<int> named_tags;  // of materials and supports that the scene names itself
   bool recover_reference = true;
   std::array<double, n_chambers> image_pressure_mmHg{};
   double right_share = 0.7;

@@ -41,8 +41,6 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
                                                  RecoveryReport& report,
                                                  const std::function<void(double)>& on_step) {
   std::vector<Point3> X = image->points, good = X, last_good = X;
-  EquilibriumSettings statics;
-  statics.relative_tolerance = 1e-6;
   double share = 0, step = settings.first_step, last_step = 0;
   std::string failure = "no progress";
   while (share < 1) {
@@ -93,6 +91,8 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
           for (double& value : p) value *= next;
           return p;
         };
+        EquilibriumSettings statics = static_settings(space);
+        statics.relative_tolerance = 1e-6;
         statics.first_step = 1;
         statics.smallest_step = 1;
         EquilibriumReport equilibrium;

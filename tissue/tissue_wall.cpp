@@ -65,6 +65,7 @@ struct TissueWall::Implementation {
   std::vector<double> calcium;                  // rescaled, at the step's start
   double last_dt = 0;
   double ep_done_until = 0;  // within the beat
+  bool repeated = false;     // the step was rejected: it comes again, in halves
 
   // Of the present step.
   double dt = 0;
@@ -90,14 +91,15 @@ struct TissueWall::Implementation {
     MechanicsSettings s = plan.mechanics;
     s.surfaces.clear();
     for (int chamber : chambers) s.surfaces.push_back({endocardium_of(chamber), {}});
-    // A mesh from a file holds some of the tags that could be there.
+    // A mesh from a file holds some of the tags that could be there; what the scene names must be there.
     std::erase_if(s.materials, [&](const Material& m) {
       return std::find(image->cell_tags.begin(), image->cell_tags.end(), m.tag) == image->cell_tags.end();
     });
     if (!plan.mesh_file.empty())
       std::erase_if(s.supports, [&](const Support& m) {
         return std::find(image->facet_tags.begin(), image->facet_tags.end(), m.tag) ==
-               image->facet_tags.end();
+                   image->facet_tags.end() &&
+               std::find(plan.named_tags.begin(), plan.named_tags.end(), m.tag) == plan.named_tags.end();
       });
     return s;
   }
@@ -112,7 +114,7 @@ struct TissueWall::Implementation {
     partition = std::make_unique<Partition>(mesh, communicator);
     monodomain = std::make_unique<Monodomain>(*partition, &fibres, plan.electrophysiology, ionic,
                                               plan.stimuli, image.get());
-    activation = std::make_unique<Activation>(*partition, &fibres, force, rate, stabilise, true);
+    activation = std::make_unique<Activation>(*partition, &fibres, force, rate, stabilise);
     mechanics = std::make_unique<Mechanics>(*partition, &fibres, mechanics_settings());
     solver = std::make_unique<LinearSolver>(mechanics->matrix(), plan.solver);
     const NodeSpace& vertices = activation->nodes();
@@ -210,6 +212,27 @@ struct TissueWall::Implementation {
                                          balance.smallest_J, mechanics->place_of_cell(balance.worst_cell)));
   }
 
+  // Static equilibrium at these volumes (mL). Several cavities one after the other, round and round, as each
+  // moves the others.
+  void bring_to_volumes(const double* volumes_mL, std::vector<double>& p) {
+    EquilibriumSettings statics = static_settings(mechanics->nodes());
+    statics.relative_tolerance = 1e-6;
+    constexpr int most_rounds = 30;
+    double worst = 0;
+    for (int round = 0; round < most_rounds; ++round) {
+      for (std::size_t k = 0; k < n_cavities(); ++k)
+        p[k] =
+            inflate_to_volume(*mechanics, static_cast<int>(k), volumes_mL[k] * units::m3_per_mL, p, statics);
+      const auto now = mechanics->assemble(p, false).volumes_m3;
+      worst = 0;
+      for (std::size_t k = 0; k < n_cavities(); ++k)
+        worst = std::max(worst, std::abs(now[k] / units::m3_per_mL - volumes_mL[k]));
+      if (worst <= 1e-5) return;
+    }
+    throw NumericalFailure(fmt::format(
+        "walls.{}: the cavities do not reach their volumes together, {:.2g} mL are missing", name, worst));
+  }
+
   void after_displacement_changed() {
     stretch = vertex_stretch();
     if (plan.feedback) monodomain->set_deformation(mechanics->cell_deformation());
@@ -284,6 +307,8 @@ TissueWall::TissueWall(const Scene& scene, const WallPlan& wall,
     force.parameters = fibre.force_parameters;
     force.rest_calcium_uM = paced.calcium_min_uM;
     force.right_share = atrial ? 1.0 : me.plan.right_share;
+    force.active = fibre.settings.active;
+    force.subtract_rest_tension = fibre.settings.subtract_rest_tension;
     me.force.push_back(std::move(force));
   }
 }
@@ -320,14 +345,9 @@ void TissueWall::start(const double&, const double* volumes, double* pressures) 
   // The initial displacement: in equilibrium at the volumes wanted, without active stress.
   Progress progress(fmt::format("walls.{}: initial displacement", me.name),
                     me.first_rank ? Progress::Style::automatic : Progress::Style::quiet);
-  EquilibriumSettings statics;
-  statics.relative_tolerance = 1e-6;
   me.mechanics->set_tension({});
   std::vector<double> p(me.n_cavities(), 0.0);
-  // Several cavities one after the other, twice round for their influence on each other.
-  for (int round = 0; round < (me.n_cavities() > 1 ? 3 : 1); ++round)
-    for (std::size_t k = 0; k < me.n_cavities(); ++k)
-      p[k] = inflate_to_volume(*me.mechanics, static_cast<int>(k), volumes[k] * units::m3_per_mL, p, statics);
+  me.bring_to_volumes(volumes, p);
   me.pressures = p;
   for (std::size_t k = 0; k < p.size(); ++k) pressures[k] = p[k] / units::Pa_per_mmHg;
   me.mechanics->accept();
@@ -340,7 +360,7 @@ void TissueWall::start(const double&, const double* volumes, double* pressures) 
 void TissueWall::begin_step(const double& t, const double& dt) {
   auto& me = *me_;
   me.dt = dt;
-  if (t == 0) {
+  if (t == 0 && !me.repeated) {
     me.monodomain->forget_activation();
     me.ep_done_until = 0;
   }
@@ -359,7 +379,7 @@ void TissueWall::begin_step(const double& t, const double& dt) {
   me.activation->begin_step(dt, mean, me.stretch, me.stretch_before, me.last_dt);
   me.mechanics->set_tension(me.cell_tension());
   me.cost.activation_s += seconds_since(begin);
-  me.mechanics->set_step(dt);
+  me.mechanics->set_step(dt, me.last_dt);
   // First guess: the last velocity goes on.
   auto& d = me.mechanics->displacement();
   const auto &last = me.mechanics->last_displacement(), &before = me.mechanics->displacement_before_last();
@@ -464,6 +484,7 @@ void TissueWall::accept_step() {
   me.cost.activation_s += seconds_since(begin);
   me.calcium = me.next_calcium;
   me.last_dt = me.dt;
+  me.repeated = false;
   ++me.cost.steps;
   ++me.tangent_age;
 }
@@ -473,17 +494,14 @@ void TissueWall::reject_step() {
   me.activation->reject();
   me.mechanics->displacement() = me.mechanics->last_displacement();
   me.have_tangent = me.have_compliance = false;
+  me.repeated = true;
   ++me.cost.rejected;
 }
 
 void TissueWall::move_to(const double* volumes) {
   auto& me = *me_;
   // Quasi-static, with the tension there is; the velocity is lost.
-  EquilibriumSettings statics;
-  statics.relative_tolerance = 1e-6;
-  for (std::size_t k = 0; k < me.n_cavities(); ++k)
-    me.pressures[k] = inflate_to_volume(*me.mechanics, static_cast<int>(k), volumes[k] * units::m3_per_mL,
-                                        me.pressures, statics);
+  me.bring_to_volumes(volumes, me.pressures);
   me.mechanics->accept();
   me.mechanics->accept();
   me.after_displacement_changed();
@@ -557,7 +575,8 @@ std::vector<WallOutput> TissueWall::outputs() const {
       {"membrane_potential", "mV", "mean membrane potential"},
       {"smallest_volume_ratio", "1", "smallest J of all elements"}};
   for (std::size_t k = 0; k < me_->plan.electrodes.size(); ++k)
-    list.push_back({fmt::format("lead_{}", k + 1), "mV m", "pseudo-ECG at the electrode, no absolute scale"});
+    list.push_back(
+        {fmt::format("lead_{}", k + 1), "mV m^2/s", "pseudo-ECG at the electrode, no absolute scale"});
   return list;
 }
 
@@ -667,9 +686,11 @@ void TissueWall::report(std::map<std::string, WallFigure>& figures) const {
       "of the linear solver of mechanics");
   put("rejected_steps", static_cast<double>(me.cost.rejected), "1", "steps repeated in halves");
   put("halved_updates", static_cast<double>(me.cost.halvings), "1", "Newton updates cut back for J > 0");
-  put("reference_volume_ratio", me.recovery.smallest_volume_ratio, "1", "smallest, reference over image");
-  put("reference_smallest_angle", me.recovery.smallest_dihedral_deg, "deg",
-      "smallest dihedral angle of the reference");
+  if (me.recovery.fixed_point_iterations > 0)
+    put("reference_volume_ratio", me.recovery.smallest_volume_ratio, "1", "smallest, reference over image");
+  if (me.recovery.fixed_point_iterations > 0)
+    put("reference_smallest_angle", me.recovery.smallest_dihedral_deg, "deg",
+        "smallest dihedral angle of the reference");
 }
 
 }  // namespace wiggers
