@@ -351,7 +351,7 @@ REFUSED = [
     (sets(walls__LV__fibres__rule="streeter"), "bayer, doste, file"),
     (sets(walls__LV__fibres__rule="file"), "the mesh brings 0 fibre directions"),
     (sets(walls__LV__stimuli__apex__x_mm=500), "the stimulus at (500.00, 0.00, -66.00) mm touches no node"),
-    (sets(walls__LV__stimuli__apex__start_ms=900), "not within the period of 0.4 s"),
+    (sets(walls__LV__stimuli__apex__start_ms=900), "does not end within the period of 0.4 s"),
     (sets(walls__LV__electrophysiology__tau_ms=3), "tau_ms = 3 ms"),
     (sets(solver__dt_s=0.0003, walls__LV__electrophysiology__tau_ms=0.5), "does not divide the period"),
     (sets(solver__dt_s=0.0002, walls__LV__electrophysiology__tau_ms=0.5), "longer than solver.dt_s"),
