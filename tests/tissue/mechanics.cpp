@@ -448,6 +448,24 @@ TEST_CASE("inertia and dashpots have the mass and area of the body") {
   }
 }
 
+TEST_CASE("a steady velocity needs no force where the step's length changes") {
+  const TetMesh mesh = closed_box();
+  const Partition partition(shared(mesh), MPI_COMM_SELF);
+  Mechanics mechanics(partition, nullptr, settings_of(elements[0], UsykLaw3{}));
+  const double dt = 5e-4, dt_last = 1e-3;
+  const auto shift = [&](double t) {
+    return by_position(mechanics.nodes(), [=](const Point3&) { return t * Vector3{0.1, -0.2, 0.05}; });
+  };
+  mechanics.displacement() = shift(dt_last + dt);
+  mechanics.last_displacement() = shift(dt_last);
+  mechanics.displacement_before_last() = shift(0);
+  mechanics.set_step(dt, dt_last);
+  const double unequal = mechanics.assemble({}, false).residual;
+  mechanics.set_step(dt, dt);
+  const double wrong = mechanics.assemble({}, false).residual;
+  CHECK(unequal < 1e-9 * wrong);
+}
+
 TEST_CASE("normal springs do not resist sliding") {
   const Partition partition(shared(box_mesh({uniform(0.01, 2), uniform(0.01, 2), uniform(0.01, 2)})),
                             MPI_COMM_SELF);
