@@ -57,6 +57,7 @@ HeartRun::HeartRun(Scene scene) : scene_(std::move(scene)) {}
 
 void HeartRun::prepare(Progress::Style style) {
   const auto begin = Clock::now();
+  tissue_kind().quiet = style == Progress::Style::quiet;
   for (const auto& [name, cell] : scene_.cells) {
     PacedCellType paced;
     if (cell.ionic) {

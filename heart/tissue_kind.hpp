@@ -31,6 +31,7 @@ struct TissueKind {
   std::function<std::unique_ptr<Wall>(const Scene& scene, const WallPlan& plan,
                                       const std::map<std::string, PacedCellType>& cells)>
       make;
+  bool quiet = false;  // walls show no progress of their own start
   // Under MPI: does the work on the first rank; what it throws is thrown on all.
   std::function<void(const std::function<void()>& work)> on_first_rank = [](const auto& work) { work(); };
   // Under MPI: whether it is so on any rank.

@@ -8,6 +8,7 @@
 #include <wiggers/core/progress.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/cell_source.hpp>
+#include <wiggers/heart/tissue_kind.hpp>
 #include <wiggers/tissue/activation.hpp>
 #include <wiggers/tissue/collective.hpp>
 #include <wiggers/tissue/equilibrium.hpp>
@@ -86,6 +87,9 @@ struct TissueWall::Implementation {
   double lead = 0;
 
   std::size_t n_cavities() const { return chambers.size(); }
+  Progress::Style progress_style() const {
+    return first_rank && !tissue_kind().quiet ? Progress::Style::automatic : Progress::Style::quiet;
+  }
 
   MechanicsSettings mechanics_settings() const {
     MechanicsSettings s = plan.mechanics;
@@ -324,8 +328,7 @@ void TissueWall::start(const double&, const double* volumes, double* pressures) 
   for (int chamber : me.chambers)
     image_pressures.push_back(me.plan.image_pressure_mmHg[chamber] * units::Pa_per_mmHg);
   if (me.plan.recover_reference) {
-    Progress progress(fmt::format("walls.{}: unloaded shape", me.name),
-                      me.first_rank ? Progress::Style::automatic : Progress::Style::quiet);
+    Progress progress(fmt::format("walls.{}: unloaded shape", me.name), me.progress_style());
     std::unique_ptr<Partition> partition;
     FibreField fibres;
     unloaded = recover_reference(
@@ -343,8 +346,7 @@ void TissueWall::start(const double&, const double* volumes, double* pressures) 
   me.set_up(unloaded);
 
   // The initial displacement: in equilibrium at the volumes wanted, without active stress.
-  Progress progress(fmt::format("walls.{}: initial displacement", me.name),
-                    me.first_rank ? Progress::Style::automatic : Progress::Style::quiet);
+  Progress progress(fmt::format("walls.{}: initial displacement", me.name), me.progress_style());
   me.mechanics->set_tension({});
   std::vector<double> p(me.n_cavities(), 0.0);
   me.bring_to_volumes(volumes, p);
