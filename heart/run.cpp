@@ -8,6 +8,7 @@
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/result_file.hpp>
+#include <wiggers/core/stopwatch.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/elastance_wall.hpp>
 #include <wiggers/heart/run.hpp>
@@ -18,14 +19,16 @@ namespace wiggers {
 
 namespace {
 
-using Clock = std::chrono::steady_clock;
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
-
 PacedCell make_paced_cell(const Scene& scene, const CellType& cell) {
   return PacedCell(*cell.ionic, cell.ionic_parameters, {scene.period_s * units::ms_per_s, cell.stimulus},
                    {scene.electrophysiology_integrator, 1e-8, 1e-10, scene.electrophysiology_substep_ms});
+}
+
+// The message as a sentence, whatever its end.
+std::string sentence(const char* message) {
+  std::string text(message);
+  if (!text.empty() && text.back() != '.') text += '.';
+  return text;
 }
 
 // Where a column of the trace stands in the result file.
@@ -302,8 +305,7 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
     try {
       for (bool done = false; !done;) {
         if (has_tissue_) {
-          for (const auto& wall : driver_->walls())
-            wall->write_fields(time_s(), static_cast<double>(beat_->steps) * scene_.dt_s);
+          for (const auto& wall : driver_->walls()) wall->write_fields(time_s());
           stop_if_asked(time_s() / scene_.period_s);
         }
         if (time_is_up()) break;
@@ -328,7 +330,7 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
       // was saved on the way is left as it was saved.
       if (has_tissue_) {
         throw NumericalFailure(
-            fmt::format("at {:.4f} s (beat {}): {}{}", where, cost_.beats + 1, failure.what(),
+            fmt::format("at {:.4f} s (beat {}): {}{}", where, cost_.beats + 1, sentence(failure.what()),
                         result && (saved_on_the_way_ || cost_.beats > 0)
                             ? fmt::format(" The last good state is in {}.", result->string())
                             : std::string()));
@@ -341,7 +343,7 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
         cost_.heart_s = heart_before + seconds_since(begin);
         if (result) write(*result, driver_->save());
         throw NumericalFailure(fmt::format(
-            "beat {}: {}{}", cost_.beats + 1, failure.what(),
+            "beat {}: {}{}", cost_.beats + 1, sentence(failure.what()),
             result ? fmt::format(" The last good state is in {}.", result->string()) : std::string()));
       }
     }
@@ -383,7 +385,7 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
   }
   cost_.heart_s = heart_before + seconds_since(begin);
   if (has_tissue_) {
-    for (const auto& wall : driver_->walls()) wall->write_fields(time_s(), scene_.period_s);
+    for (const auto& wall : driver_->walls()) wall->write_fields(time_s());
     collect_wall_figures();
   }
   if (result) write(*result, driver_->save());

@@ -71,7 +71,7 @@ class WallOf {
   // Fields in space, for walls that have them: opened beside the result (resumed from a time, or anew with a
   // negative one), written when their time has come.
   virtual void open_fields(const std::string& folder, double resume_at_s) { (void)folder, (void)resume_at_s; }
-  virtual void write_fields(double time_s, double time_in_beat_s) { (void)time_s, (void)time_in_beat_s; }
+  virtual void write_fields(double time_s) { (void)time_s; }
   // What the wall did and what it cost, by name.
   virtual void report(std::map<std::string, WallFigure>& figures) const { (void)figures; }
 };

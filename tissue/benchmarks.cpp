@@ -6,6 +6,7 @@
 #include <limits>
 #include <wiggers/cellmodels/catalogue.hpp>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/stopwatch.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/tissue/benchmarks.hpp>
 #include <wiggers/tissue/collective.hpp>
@@ -16,11 +17,6 @@
 namespace wiggers::benchmarks {
 
 namespace {
-
-using Clock = std::chrono::steady_clock;
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
 
 // Values of the nodes nearest to points, on every rank.
 std::vector<double> values_at(const Partition& partition, const NodeSpace& space, const double* values,

@@ -696,10 +696,4 @@ std::string Mechanics::place_of_cell(int file_cell) const {
                      mesh.cell_tags[file_cell], centre[0], centre[1], centre[2]);
 }
 
-std::size_t Mechanics::bytes() const {
-  const auto& me = *me_;
-  return me.points.size() * sizeof(Point) + me.matrix->stored() * sizeof(double) +
-         (me.d.size() * 3 + me.r.size() * (1 + me.loads.size()) + me.stretch_last.size()) * sizeof(double);
-}
-
 }  // namespace wiggers

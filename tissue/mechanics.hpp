@@ -120,8 +120,6 @@ class Mechanics {
   // "cell 1234 (volume tag 1) at (x, y, z) mm"
   std::string place_of_cell(int file_cell) const;
 
-  std::size_t bytes() const;
-
  private:
   struct Implementation;
   std::unique_ptr<Implementation> me_;

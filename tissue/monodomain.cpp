@@ -5,6 +5,7 @@
 #include <cmath>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/fixed_step.hpp>
+#include <wiggers/core/stopwatch.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/tissue/collective.hpp>
 #include <wiggers/tissue/element.hpp>
@@ -14,11 +15,6 @@
 namespace wiggers {
 
 namespace {
-
-using Clock = std::chrono::steady_clock;
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
 
 // Mass and the six products of derivatives on the reference cell, as shares of the volume. Derivatives are by
 // the barycentric coordinates 1, 2, 3; coordinate 0 follows, 1 - sum.
@@ -141,6 +137,21 @@ struct Monodomain::Implementation {
     stale = false;
     ++cost.assemblies;
     cost.assembly_s += seconds_since(begin);
+  }
+
+  // One state of each region's cells at the local nodes; zero where its model has none (an empty name).
+  template <class NameOf>
+  std::vector<double> read_states(const NameOf& name_of) const {
+    std::vector<double> values(space.n_local, 0.0), part;
+    for (const Region& region : regions) {
+      const std::string_view name = name_of(*region.plan.model);
+      if (region.nodes.empty() || name.empty()) continue;
+      part.resize(region.nodes.size());
+      region.cells->read_state(name, part);
+      for (std::size_t k = 0; k < part.size(); ++k) values[region.nodes[k]] = part[k];
+    }
+    partition.update_ghosts(space, values.data(), 1);
+    return values;
   }
 
   const std::vector<QuadraturePoint<4>>& current_rule() const {
@@ -413,30 +424,18 @@ void Monodomain::forget_activation() { std::fill(me_->activation.begin(), me_->a
 const MonodomainCost& Monodomain::cost() const { return me_->cost; }
 
 std::vector<double> Monodomain::state(std::string_view name) const {
-  std::vector<double> values(me_->space.n_local, 0.0), part;
-  for (const auto& region : me_->regions) {
-    if (region.nodes.empty()) continue;
-    bool known = false;
-    for (const Quantity& q : region.plan.model->states) known = known || q.name == name;
-    if (!known) continue;
-    part.resize(region.nodes.size());
-    region.cells->read_state(name, part);
-    for (std::size_t k = 0; k < part.size(); ++k) values[region.nodes[k]] = part[k];
-  }
-  me_->partition.update_ghosts(me_->space, values.data(), 1);
-  return values;
+  return me_->read_states([&](const CellModel& model) -> std::string_view {
+    for (const Quantity& q : model.states)
+      if (q.name == name) return q.name;
+    return {};
+  });
 }
 
 std::vector<double> Monodomain::calcium_uM() const {
-  std::vector<double> values(me_->space.n_local, 0.0), part;
-  for (const auto& region : me_->regions) {
-    if (region.nodes.empty()) continue;
-    const CellModel& model = *region.plan.model;
-    part.resize(region.nodes.size());
-    region.cells->read_state(model.states[static_cast<std::size_t>(model.cytosolic_calcium)].name, part);
-    for (std::size_t k = 0; k < part.size(); ++k) values[region.nodes[k]] = part[k] * units::uM_per_mM;
-  }
-  me_->partition.update_ghosts(me_->space, values.data(), 1);
+  std::vector<double> values = me_->read_states([](const CellModel& model) {
+    return model.states[static_cast<std::size_t>(model.cytosolic_calcium)].name;
+  });
+  for (double& value : values) value *= units::uM_per_mM;
   return values;
 }
 

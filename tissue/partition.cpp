@@ -14,15 +14,13 @@
 #include <unordered_map>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/tissue/partition.hpp>
+#include <wiggers/tissue/reference_cell.hpp>
 
 namespace wiggers {
 
 namespace {
 
 namespace dl = dealii;
-
-// Edges of a tetrahedron in the order of NodeSpace.
-constexpr int edge_ends[6][2] = {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}};
 
 std::uint64_t edge_key(int a, int b) {
   if (a > b) std::swap(a, b);
@@ -126,7 +124,7 @@ Partition::Partition(std::shared_ptr<const TetMesh> mesh, MPI_Comm communicator)
 
   auto& edges = implementation_->edges;
   for (const auto& cell : mesh_->cells)
-    for (const auto& ends : edge_ends) edges.push_back(edge_key(cell[ends[0]], cell[ends[1]]));
+    for (const auto& ends : tetrahedron_edges) edges.push_back(edge_key(cell[ends[0]], cell[ends[1]]));
   std::sort(edges.begin(), edges.end());
   edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
 }
@@ -204,8 +202,8 @@ NodeSpace Partition::make_nodes(int order, bool conductive_only) const {
     for (int k = 0; k < 4; ++k) visit(k, v[k]);
     if (order == 2)
       for (int e = 0; e < 6; ++e)
-        visit(4 + e,
-              static_cast<int>(mesh_->points.size()) + edge_number(v[edge_ends[e][0]], v[edge_ends[e][1]]));
+        visit(4 + e, static_cast<int>(mesh_->points.size()) +
+                         edge_number(v[tetrahedron_edges[e][0]], v[tetrahedron_edges[e][1]]));
   };
   for (std::size_t c = 0; c < mesh_->cells.size(); ++c)
     if (is_in(static_cast<int>(c)))
@@ -244,8 +242,8 @@ NodeSpace Partition::make_nodes(int order, bool conductive_only) const {
           for (int v = 0; v < 4; ++v)
             if (cell->line(line)->vertex_index(k) == cell->vertex_index(v)) end[k] = v;
         for (int e = 0; e < 6; ++e)
-          if ((edge_ends[e][0] == end[0] && edge_ends[e][1] == end[1]) ||
-              (edge_ends[e][0] == end[1] && edge_ends[e][1] == end[0]))
+          if ((tetrahedron_edges[e][0] == end[0] && tetrahedron_edges[e][1] == end[1]) ||
+              (tetrahedron_edges[e][0] == end[1] && tetrahedron_edges[e][1] == end[0]))
             nodes[4 + e] = local(indices[4 + line]);
       }
     for_each_entity(file, [&](int k, int entity) { space.file_index[nodes[k]] = compressed[entity]; });
@@ -256,7 +254,8 @@ NodeSpace Partition::make_nodes(int order, bool conductive_only) const {
     }
     if (order == 2)
       for (int e = 0; e < 6; ++e) {
-        const Point3 &a = mesh_->points[v[edge_ends[e][0]]], &b = mesh_->points[v[edge_ends[e][1]]];
+        const Point3 &a = mesh_->points[v[tetrahedron_edges[e][0]]],
+                     &b = mesh_->points[v[tetrahedron_edges[e][1]]];
         for (int k = 0; k < 3; ++k) space.points[nodes[4 + e]][k] = 0.5 * (a[k] + b[k]);
       }
   }
@@ -320,6 +319,24 @@ std::vector<double> gather_by_index(MPI_Comm communicator, int n_ranks, const in
 std::vector<double> Partition::gather(const NodeSpace& space, const double* values, int components) const {
   return gather_by_index(communicator_, n_ranks_, space.file_index.data(), space.n_own, values, components,
                          space.n_global);
+}
+
+std::vector<double> Partition::gather_at_vertices(const NodeSpace& space, const double* values,
+                                                  int components, double elsewhere) const {
+  // Each node takes the number of its vertex along.
+  const int width = components + 1;
+  std::vector<double> own(static_cast<std::size_t>(space.n_own) * width);
+  for (int k = 0; k < space.n_own; ++k) {
+    own[k * width] = space.vertex[k];
+    for (int c = 0; c < components; ++c) own[k * width + 1 + c] = values[k * components + c];
+  }
+  const std::vector<double> all = gather(space, own.data(), width);
+  std::vector<double> field(mesh_->points.size() * components, elsewhere);
+  for (std::size_t k = 0; k < all.size(); k += width)
+    if (all[k] >= 0)
+      for (int c = 0; c < components; ++c)
+        field[static_cast<std::size_t>(all[k]) * components + c] = all[k + 1 + c];
+  return field;
 }
 
 std::vector<double> Partition::gather_cells(const double* values, int components) const {

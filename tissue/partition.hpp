@@ -84,7 +84,10 @@ class Partition {
   std::vector<double> gather(const NodeSpace& space, const double* values, int components) const;
   // Own and ghost values out of the partition-independent order.
   static void scatter(const NodeSpace& space, std::span<const double> all, double* values, int components);
-  // The same for one set of numbers a cell, in the file's order.
+  // The values at the mesh's vertices, on every rank; `elsewhere` where the space has no node. Collective.
+  std::vector<double> gather_at_vertices(const NodeSpace& space, const double* values, int components,
+                                         double elsewhere) const;
+  // One set of numbers a cell, in the file's order, on every rank. Collective.
   std::vector<double> gather_cells(const double* values, int components) const;
 
   double sum(double value) const;

@@ -5,6 +5,7 @@
 #include <limits>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/tissue/mesh_geometry.hpp>
+#include <wiggers/tissue/reference_cell.hpp>
 #include <wiggers/tissue/reference_configuration.hpp>
 
 namespace wiggers {
@@ -12,18 +13,11 @@ namespace wiggers {
 namespace {
 
 // Displacement of all vertices of the mesh, on every rank.
-std::vector<Point3> vertex_displacement(const Mechanics& mechanics, std::size_t n_points) {
-  const NodeSpace& space = mechanics.nodes();
-  std::vector<double> values(4 * static_cast<std::size_t>(space.n_own));
-  for (int k = 0; k < space.n_own; ++k) {
-    values[4 * k] = space.vertex[k];
-    for (int i = 0; i < 3; ++i)
-      values[4 * k + 1 + i] = mechanics.displacement()[3 * static_cast<std::size_t>(k) + i];
-  }
-  const auto all = mechanics.partition().gather(space, values.data(), 4);
-  std::vector<Point3> d(n_points);
-  for (std::size_t k = 0; k < all.size(); k += 4)
-    if (all[k] >= 0) d[static_cast<std::size_t>(all[k])] = {all[k + 1], all[k + 2], all[k + 3]};
+std::vector<Point3> vertex_displacement(const Mechanics& mechanics) {
+  const std::vector<double> flat =
+      mechanics.partition().gather_at_vertices(mechanics.nodes(), mechanics.displacement().data(), 3, 0.0);
+  std::vector<Point3> d(flat.size() / 3);
+  for (std::size_t k = 0; k < d.size(); ++k) d[k] = {flat[3 * k], flat[3 * k + 1], flat[3 * k + 2]};
   return d;
 }
 
@@ -78,12 +72,11 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
           // Edge nodes between their vertices.
           for (std::size_t c = 0; c < mechanics->partition().cells().size(); ++c) {
             const auto nodes = space.nodes_of(static_cast<int>(c));
-            constexpr int ends[6][2] = {{0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3}};
             for (int e = 0; e < 6; ++e)
               for (int i = 0; i < 3; ++i)
                 start[3 * static_cast<std::size_t>(nodes[4 + e]) + i] =
-                    0.5 * (start[3 * static_cast<std::size_t>(nodes[ends[e][0]]) + i] +
-                           start[3 * static_cast<std::size_t>(nodes[ends[e][1]]) + i]);
+                    0.5 * (start[3 * static_cast<std::size_t>(nodes[tetrahedron_edges[e][0]]) + i] +
+                           start[3 * static_cast<std::size_t>(nodes[tetrahedron_edges[e][1]]) + i]);
           }
         }
         const auto loads = [&](double) {
@@ -113,7 +106,7 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
               statics);
         }
         report.newton_iterations += equilibrium.newton_iterations;
-        d = vertex_displacement(*mechanics, X.size());
+        d = vertex_displacement(*mechanics);
       } catch (const NumericalFailure& error) {
         failure = error.what();
         break;

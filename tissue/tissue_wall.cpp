@@ -6,6 +6,7 @@
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/progress.hpp>
+#include <wiggers/core/stopwatch.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/cell_source.hpp>
 #include <wiggers/heart/tissue_kind.hpp>
@@ -19,11 +20,6 @@
 namespace wiggers {
 
 namespace {
-
-using Clock = std::chrono::steady_clock;
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
 
 constexpr int most_halvings = 7;
 
@@ -616,27 +612,14 @@ void TissueWall::open_fields(const std::string& folder, double resume_at_s) {
   me.next_fields_s = resume_at_s >= 0 ? std::ceil(resume_at_s / every - 1e-6) * every : -1;
 }
 
-void TissueWall::write_fields(double time_s, double time_in_beat_s) {
+void TissueWall::write_fields(double time_s) {
   auto& me = *me_;
   if (!me.fields_open || time_s < me.next_fields_s - 1e-9) return;
   const double every = me.plan.fields_every_ms * units::s_per_ms;
   me.next_fields_s = (std::floor(time_s / every + 1e-9) + 1) * every;
-  (void)time_in_beat_s;
-  const std::size_t n = me.mesh->points.size();
-  const auto on_vertices = [&](const NodeSpace& space, const double* values, int components, double fill) {
-    // Through the partition-independent order to the file's vertices.
-    std::vector<double> own(static_cast<std::size_t>(space.n_own) * (components + 1));
-    for (int k = 0; k < space.n_own; ++k) {
-      own[k * (components + 1)] = space.vertex[k];
-      for (int c = 0; c < components; ++c) own[k * (components + 1) + 1 + c] = values[k * components + c];
-    }
-    const auto all = me.partition->gather(space, own.data(), components + 1);
-    std::vector<double> field(n * components, fill);
-    for (std::size_t k = 0; k < all.size(); k += components + 1)
-      if (all[k] >= 0)
-        for (int c = 0; c < components; ++c)
-          field[static_cast<std::size_t>(all[k]) * components + c] = all[k + 1 + c];
-    return field;
+  const auto on_vertices = [&](const NodeSpace& space, const double* values, int components,
+                               double elsewhere) {
+    return me.partition->gather_at_vertices(space, values, components, elsewhere);
   };
   const NodeSpace &ep = me.monodomain->nodes(), &vertices = me.activation->nodes();
   const auto displacement =

@@ -39,7 +39,7 @@ class TissueWall final : public Wall {
   std::vector<WallOutput> outputs() const override;
   void output_values(double* values) const override;
   void open_fields(const std::string& folder, double resume_at_s) override;
-  void write_fields(double time_s, double time_in_beat_s) override;
+  void write_fields(double time_s) override;
   void report(std::map<std::string, WallFigure>& figures) const override;
 
  private:
