@@ -7,6 +7,7 @@
 #   make nightly     the long tests: sanitizers, minimal build, formatting, extremes, fuzzing, benchmarks
 #   make trade       measure the tables of docs/trade.md and docs/extremes.md on this machine
 #   make benchmarks-3d  run the published verification problems of the tissue and write docs/benchmarks-3d.md
+#   make tissue-tables  measure the tables of docs/tissue.md: cost, ranks, stabilisations
 #   make trade-3d    measure error against cost of the tissue's settings, for docs/trade-3d.md
 #   make reference   write docs/reference from the models' own fact sheets
 #   make format      format the C++ sources
@@ -39,7 +40,7 @@ endef
 RANKS := 2
 MPIRUN := OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1 OMP_NUM_THREADS=1 mpirun -n $(RANKS)
 
-.PHONY: tissue heartbeat-3d benchmarks-3d trade-3d trade help setup packages build test heartbeat nightly format check-format reference clean
+.PHONY: tissue heartbeat-3d benchmarks-3d trade-3d tissue-tables trade help setup packages build test heartbeat nightly format check-format reference clean
 help:
 	@sed -n 's/^#   //p' Makefile
 
@@ -115,6 +116,11 @@ nightly: setup
 benchmarks-3d: tissue
 	@cmake --build $(BUILD) -j $(JOBS) --target wiggers-3d
 	@$(PYTHON) docs/make_benchmarks_3d.py $(BUILD)/wiggers-3d docs $(RANKS)
+
+# Cost against mesh size, ranks and stabilisations of the tissue, for docs/tissue.md (twenty minutes).
+tissue-tables: tissue
+	@cmake --build $(BUILD) -j $(JOBS) --target wiggers-3d
+	@$(PYTHON) docs/make_tissue_tables.py $(BUILD)/wiggers-3d
 
 # Error against cost of the tissue's settings, for docs/trade-3d.md (some minutes).
 trade-3d: tissue
