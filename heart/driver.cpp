@@ -34,8 +34,15 @@ HeartDriverOf<T>::HeartDriverOf(DriverSettingsOf<T> settings, CirculationParamet
 }
 
 template <class T>
+void HeartDriverOf<T>::tell_arterial_pressures() {
+  const double arterial[] = {value_of(y_[p_AR_SYS]), value_of(y_[p_AR_PUL])};
+  for (const auto& wall : walls_) wall->set_arterial_pressures(arterial);
+}
+
+template <class T>
 void HeartDriverOf<T>::start(const Values& initial) {
   y_ = initial;
+  tell_arterial_pressures();
   for (const auto& wall : walls_) {
     T V[n_chambers], p[n_chambers];
     const auto cavities = wall->cavities();
@@ -51,6 +58,7 @@ void HeartDriverOf<T>::start(const Values& initial) {
 template <class T>
 void HeartDriverOf<T>::move_to(const Values& values) {
   y_ = values;
+  tell_arterial_pressures();
   for (const auto& wall : walls_) {
     T V[n_chambers];
     const auto cavities = wall->cavities();
@@ -163,12 +171,25 @@ void HeartDriverOf<T>::balance(const T& t, const T& dt, BeatAudit& audit, std::a
         error = std::abs(value_of(mismatch[c]));
         worst = c;
       }
-    const std::array<T, n_chambers> across_change = times(across, dp, 1.0);
+    // Walls take the same share of the correction as the pressures do.
+    const std::array<T, n_chambers> whole_change = times(across, dp, 1.0);
+    const auto change_of = [](const WallOf<T>& wall, const std::array<T, n_chambers>& all, T* own) {
+      const auto cavities = wall.cavities();
+      for (std::size_t k = 0; k < cavities.size(); ++k) own[k] = all[cavities[k]];
+    };
+    double share = 1;
     for (const auto& wall : walls_) {
-      const auto cavities = wall->cavities();
       T change[n_chambers];
-      for (std::size_t k = 0; k < cavities.size(); ++k) change[k] = across_change[cavities[k]];
-      wall->update(change);
+      change_of(*wall, whole_change, change);
+      share = std::min(share, wall->admissible_share(change));
+    }
+    std::array<T, n_chambers> across_change = whole_change;
+    if (share < 1)
+      for (T& change : across_change) change *= share;
+    for (const auto& wall : walls_) {
+      T change[n_chambers];
+      change_of(*wall, across_change, change);
+      wall->update(change, share);
     }
     Vector plain_change;
     for (int c = 0; c < n_chambers; ++c) {
@@ -178,21 +199,24 @@ void HeartDriverOf<T>::balance(const T& t, const T& dt, BeatAudit& audit, std::a
     wall_volume += system * plain_change;
     double largest_change = 0;
     for (int c = 0; c < n_chambers; ++c) {
-      p[c] += dp[c];
+      p[c] += share * dp[c];
       largest_change = std::max(largest_change, std::abs(value_of(dp[c])) / (1 + std::abs(value_of(p[c]))));
     }
-    converged = largest_change < pressure_tolerance && error < volume_tolerance;
+    converged = share == 1 && largest_change < pressure_tolerance && error < volume_tolerance;
     for (const auto& wall : walls_) converged = converged && wall->balanced();
     if (std::is_same_v<T, double> && converged) last = true;
   }
   audit.newton_iterations += iteration;
   audit.most_newton_iterations = std::max(audit.most_newton_iterations, iteration);
   if (!converged) {
+    std::string trouble;
+    for (const auto& wall : walls_)
+      if (const std::string said = wall->trouble(); !said.empty()) trouble += " " + said;
     throw NumericalFailure(fmt::format(
         "no balance of wall and blood volumes at t = {:.4f} s of the beat: after {} Newton iterations {} "
-        "still misses "
-        "{:.3g} mL at {:.3g} mmHg. Try a smaller dt_s (now {} s){}.",
-        value_of(t) + value_of(dt), iteration, chamber_names[worst], error, value_of(p[worst]), value_of(dt),
+        "still misses {:.3g} mL at {:.3g} mmHg.{} Try a smaller dt_s (now {} s){}.",
+        value_of(t) + value_of(dt), iteration, chamber_names[worst], error, value_of(p[worst]), trouble,
+        value_of(dt),
         settings_.stabilise_volumes ? "" : ", or stabilise volumes (solver.stabilise.volumes = true)"));
   }
   for (int c = 0; c < n_chambers; ++c) wall_volumes[c] = wall_volume(c);
@@ -200,11 +224,13 @@ void HeartDriverOf<T>::balance(const T& t, const T& dt, BeatAudit& audit, std::a
 
 template <class T>
 void HeartDriverOf<T>::step_over(const T& t, const T& dt, int halvings, BeatAudit& audit) {
+  tell_arterial_pressures();
   for (const auto& wall : walls_) wall->begin_step(t, dt);
   std::array<T, n_chambers> p = p_;
   std::array<double, n_chambers> wall_volume{};
   try {
     balance(t, dt, audit, p, wall_volume);
+    for (const auto& wall : walls_) wall->confirm_step();
   } catch (const NumericalFailure&) {
     bool may_halve = false;
     for (const auto& wall : walls_) {

@@ -95,6 +95,7 @@ class HeartDriverOf {
 
  private:
   void record(Table& trace, double t) const;
+  void tell_arterial_pressures();
   void wanted_volumes(const T* p, const T& dt, T* volumes, double* slopes) const;
   void step_over(const T& t, const T& dt, int halvings, BeatAudit& audit);
   void balance(const T& t, const T& dt, BeatAudit& audit, std::array<T, n_chambers>& p,

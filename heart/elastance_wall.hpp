@@ -27,7 +27,7 @@ class ElastanceWallOf final : public WallOf<T> {
     volumes[0] = pressures[0] / elastance_ + parameters_.V0;
     dV_dp[0] = 1 / value_of(elastance_);
   }
-  void update(const T*) override {}
+  void update(const T*, double) override {}
   void accept_step() override {}
   void reject_step() override {}
   void move_to(const T*) override {}

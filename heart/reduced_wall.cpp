@@ -94,7 +94,7 @@ void ReducedWallOf<T>::linearise(const T* pressures, T* volumes, double* dV_dp) 
 }
 
 template <class T>
-void ReducedWallOf<T>::update(const T* pressure_change) {
+void ReducedWallOf<T>::update(const T* pressure_change, double) {
   const T wanted = linearised_V_ + dV_dp_ * pressure_change[0];
   // A cavity volume stays positive, and a trial step does not run away.
   const T low = 0.5 * newton_V_, high = 2.0 * newton_V_ + 1.0;

@@ -34,7 +34,7 @@ class ReducedWallOf final : public WallOf<T> {
   void start(const T& t, const T* volumes, T* pressures) override;
   void begin_step(const T& t, const T& dt) override;
   void linearise(const T* pressures, T* volumes, double* dV_dp) override;
-  void update(const T* pressure_change) override;
+  void update(const T* pressure_change, double share) override;
   void accept_step() override;
   void reject_step() override;
   void move_to(const T* volumes) override;

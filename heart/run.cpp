@@ -1,16 +1,14 @@
 #include <fmt/format.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <limits>
-#include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/result_file.hpp>
 #include <wiggers/core/stopwatch.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/elastance_wall.hpp>
+#include <wiggers/heart/provenance.hpp>
 #include <wiggers/heart/run.hpp>
 #include <wiggers/heart/summary.hpp>
 #include <wiggers/heart/tissue_kind.hpp>
@@ -18,11 +16,6 @@
 namespace wiggers {
 
 namespace {
-
-PacedCell make_paced_cell(const Scene& scene, const CellType& cell) {
-  return PacedCell(*cell.ionic, cell.ionic_parameters, {scene.period_s * units::ms_per_s, cell.stimulus},
-                   {scene.electrophysiology_integrator, 1e-8, 1e-10, scene.electrophysiology_substep_ms});
-}
 
 // The message as a sentence, whatever its end.
 std::string sentence(const char* message) {
@@ -46,14 +39,6 @@ std::string place_of(const std::string& name) {
   return "/circulation/" + name;
 }
 
-// The scene without its [run] table: what a resumed run must share with its checkpoint.
-std::string without_run_table(const std::string& text) {
-  const std::size_t begin = text.find("\n[run]");
-  if (begin == std::string::npos) return text;
-  const std::size_t end = text.find("\n[", begin + 1);
-  return text.substr(0, begin) + (end == std::string::npos ? "" : text.substr(end));
-}
-
 }  // namespace
 
 HeartRun::HeartRun(Scene scene) : scene_(std::move(scene)) {}
@@ -61,48 +46,7 @@ HeartRun::HeartRun(Scene scene) : scene_(std::move(scene)) {}
 void HeartRun::prepare(Progress::Style style) {
   const auto begin = Clock::now();
   tissue_kind().quiet = style == Progress::Style::quiet;
-  for (const auto& [name, cell] : scene_.cells) {
-    PacedCellType paced;
-    if (cell.ionic) {
-      PacedCell one = make_paced_cell(scene_, cell);
-      paced.state_at_onset = cell.ionic->default_state();
-      if (cell.from_limit_cycle) {
-        Progress progress(fmt::format("cells {} ({})", name, cell.ionic->name), style);
-        LimitCycleSettings settings;
-        paced.certificate =
-            one.to_limit_cycle(paced.state_at_onset, settings, [&](const LimitCycleCertificate& c) {
-              progress.update(-1, fmt::format("beat {}, distance {:.1e}", c.beats, c.distance));
-            });
-        if (paced.certificate.verdict != LimitCycleVerdict::period_1)
-          throw NumericalFailure(
-              fmt::format("cells {}: {} at {} ms did not reach its limit cycle: {} after {} beats, distance "
-                          "{:.2g}. Use start = "
-                          "\"published\" or another period.",
-                          name, cell.ionic->name, scene_.period_s * 1e3, to_string(paced.certificate.verdict),
-                          paced.certificate.beats, paced.certificate.distance));
-        progress.finish(fmt::format("on the limit cycle after {} beats, distance {:.1e}",
-                                    paced.certificate.beats, paced.certificate.distance));
-        paced.charge_drift_mV = one.invariant_drift();
-      }
-      double low = std::numeric_limits<double>::infinity(), high = 0, peak = -1000;
-      std::vector<double> state = paced.state_at_onset;
-      one.beat(state, 1.0, [&](double, const double* y, double) {
-        const double calcium = y[cell.ionic->cytosolic_calcium] * units::uM_per_mM;
-        low = std::min(low, calcium);
-        high = std::max(high, calcium);
-        peak = std::max(peak, y[cell.ionic->membrane_potential]);
-      });
-      paced.potential_max_mV = peak;
-      CalciumRescaling rescaling = cell.rescaling;
-      rescaling.diastolic_uM = low;
-      paced.calcium_min_uM = rescaling(low);
-      paced.calcium_max_uM = rescaling(high);
-    } else {
-      paced.calcium_min_uM = cell.transient.rest_uM;
-      paced.calcium_max_uM = cell.transient.peak_uM;
-    }
-    cells_.emplace(name, std::move(paced));
-  }
+  cells_ = pace_cells(scene_, style);
   build();
   driver_->start(scene_.initial);
   cost_.cells_s = seconds_since(begin);
@@ -169,19 +113,7 @@ void HeartRun::build() {
 
 void HeartRun::resume(const std::filesystem::path& path) {
   const ResultReader file(path);
-  const std::string saved = without_run_table(file.text("/provenance/scene"));
-  const std::string now = without_run_table(scene_.text);
-  if (saved != now) {
-    const auto difference = std::mismatch(saved.begin(), saved.end(), now.begin(), now.end());
-    const auto line_at = [](const std::string& text, std::string::const_iterator at) {
-      const auto offset = static_cast<std::size_t>(at - text.begin());
-      const std::size_t begin = offset == 0 ? 0 : text.rfind('\n', offset - 1) + 1;
-      return text.substr(begin, text.find('\n', offset) - begin);
-    };
-    throw InputError(fmt::format("--resume {}: it was computed from another scene: there '{}', here '{}'",
-                                 path.string(), line_at(saved, difference.first),
-                                 line_at(now, difference.second)));
-  }
+  require_same_scene(file, path, scene_.text);
   for (const auto& [name, cell] : scene_.cells) {
     const std::string group = "/checkpoint/cells/" + name;
     PacedCellType paced;
@@ -410,14 +342,7 @@ void HeartRun::write(const std::filesystem::path& path, const std::vector<double
 
 void HeartRun::write_file(const std::filesystem::path& path, const std::vector<double>& driver_state) const {
   ResultWriter file;
-  file.text("/provenance/status", complete_ ? "complete" : "incomplete");
-  file.text("/provenance/scene", scene_.text);
-  file.text("/provenance/title", scene_.title);
-  file.text("/provenance/version", version_text());
-  char host[256] = "";
-  gethostname(host, sizeof host - 1);
-  file.text("/provenance/host", host);
-  file.scalar("/provenance/wall_time", cost_.cells_s + cost_.heart_s, "s", "wall time of cells and heart");
+  write_provenance(file, scene_.title, scene_.text, complete_, cost_.cells_s + cost_.heart_s);
 
   // A run that was ended within a beat shows the rows of it.
   if (cost_.beats > 0 || complete_)

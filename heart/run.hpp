@@ -11,19 +11,10 @@
 #include <wiggers/core/progress.hpp>
 #include <wiggers/heart/driver.hpp>
 #include <wiggers/heart/indexes.hpp>
+#include <wiggers/heart/paced_cells.hpp>
 #include <wiggers/heart/scene.hpp>
 
 namespace wiggers {
-
-// What is known of a cell type once it has been paced.
-struct PacedCellType {
-  std::vector<double> state_at_onset;
-  LimitCycleCertificate certificate;  // verdict running: started from the published state
-  double calcium_min_uM = 0;          // of one beat, after rescaling
-  double calcium_max_uM = 0;
-  double charge_drift_mV = 0;   // of the scheme in one beat
-  double potential_max_mV = 0;  // highest membrane potential of that beat
-};
 
 struct RunCost {
   double cells_s = 0;

@@ -85,7 +85,9 @@ CellType read_cells(SettingsReader& table, const std::string& name) {
   return cell;
 }
 
-FibrePlan read_fibre(SettingsReader& table, double period_s, const std::map<std::string, CellType>& cells) {
+// Which cells a piece of wall has, and when they are stimulated.
+FibrePlan read_fibre_cells(SettingsReader& table, double period_s,
+                           const std::map<std::string, CellType>& cells) {
   FibrePlan fibre;
   std::vector<std::string> known;
   for (const auto& entry : cells) known.push_back(entry.first);
@@ -97,6 +99,11 @@ FibrePlan read_fibre(SettingsReader& table, double period_s, const std::map<std:
   if (fibre.activation_ms >= period_s * 1e3)
     throw InputError(fmt::format("{} = {} ms is not within the period of {} s", table.place("activation_ms"),
                                  fibre.activation_ms, period_s));
+  return fibre;
+}
+
+FibrePlan read_fibre(SettingsReader& table, double period_s, const std::map<std::string, CellType>& cells) {
+  FibrePlan fibre = read_fibre_cells(table, period_s, cells);
   fibre.settings.active = table.flag("active", true);
   fibre.settings.subtract_rest_tension = table.flag("subtract_rest_tension", true);
   fibre.force_parameters = cells.at(fibre.cells).force_parameters;
@@ -124,13 +131,18 @@ std::string read_kind(SettingsReader& table, std::string_view default_kind,
 
 // A wall of 3D tissue: its cells here, all else by the tissue itself.
 void read_tissue_wall(SettingsReader& table, const Scene& scene, WallPlan& wall) {
-  if (table.is_table("cells")) {
+  const auto read_piece = [&](SettingsReader& piece) {
+    return scene.physics == Physics::heart ? read_fibre(piece, scene.period_s, scene.cells)
+                                           : read_fibre_cells(piece, scene.period_s, scene.cells);
+  };
+  if (scene.physics == Physics::mechanics) {
+    // Tension is prescribed, there are no cells.
+  } else if (table.is_table("cells")) {
     // Different cells in ventricles and atria.
     SettingsReader& cells = table.table("cells");
-    wall.fibres = {read_fibre(cells.table("ventricles"), scene.period_s, scene.cells),
-                   read_fibre(cells.table("atria"), scene.period_s, scene.cells)};
+    wall.fibres = {read_piece(cells.table("ventricles")), read_piece(cells.table("atria"))};
   } else {
-    wall.fibres = {read_fibre(table, scene.period_s, scene.cells)};
+    wall.fibres = {read_piece(table)};
   }
   tissue_kind().read(table, scene, wall);
 }
@@ -271,6 +283,57 @@ std::shared_ptr<SettingsTable> with_base(std::shared_ptr<SettingsTable> table,
   return base;
 }
 
+// Step and scheme of single cells, which bring tissue and walls to their starting state.
+void read_cell_solver(SettingsReader& solver, Scene& scene) {
+  scene.electrophysiology_substep_ms = solver.number(scene_keys::substep);
+  scene.electrophysiology_integrator = solver.choice("electrophysiology_integrator", "rush-larsen-2",
+                                                     as_strings(fixed_step_integrators()), "integrator");
+}
+
+// Cells that no wall uses are not built.
+void leave_out_unused_cells(Scene& scene) {
+  std::erase_if(scene.cells, [&](const auto& entry) {
+    bool used = false;
+    for (const WallPlan& wall : scene.walls)
+      for (const FibrePlan& fibre : wall.fibres) used = used || fibre.cells == entry.first;
+    if (!used)
+      scene.warnings.push_back(fmt::format("cells.{} is used by no wall and is left out", entry.first));
+    return !used;
+  });
+}
+
+// [body]: one physics of a body of 3D tissue, without circulation.
+void read_body(SettingsReader& reader, Scene& scene) {
+  for (const char* other : {"walls", "circulation", "pericardium"})
+    if (reader.has(other))
+      throw InputError(
+          fmt::format("{}: a scene has either a [body] of tissue alone or walls in the closed loop, not both",
+                      reader.place(other)));
+  SettingsReader& table = reader.table("body");
+  if (!tissue_kind().read) throw TissueNeeded(reader.place("body"));
+  const std::vector<std::string> kinds = {"electrophysiology", "mechanics"};
+  if (!table.has("physics"))
+    throw InputError(
+        fmt::format("{} is missing; choose one of {}", table.place("physics"), fmt::join(kinds, ", ")));
+  scene.physics = table.choice("physics", "", kinds, "physics") == kinds[0] ? Physics::electrophysiology
+                                                                            : Physics::mechanics;
+  WallPlan body;
+  body.name = "body";
+  body.kind = "tissue";
+  read_tissue_wall(table, scene, body);
+  scene.walls.push_back(std::move(body));
+  leave_out_unused_cells(scene);
+  SettingsReader& run = reader.table("run");
+  if (scene.physics == Physics::electrophysiology) {
+    read_cell_solver(reader.table("solver"), scene);
+    scene.end_ms = run.number(scene_keys::end);
+    scene.rows_every_ms = run.number(scene_keys::rows_every);
+    scene.checkpoint_every_ms = run.number(scene_keys::checkpoint_ms);
+  } else {
+    scene.load_steps = static_cast<int>(run.integer(scene_keys::load_steps));
+  }
+}
+
 Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
                 const std::filesystem::path& folder) {
   SettingsReader reader(table, name);
@@ -288,6 +351,13 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
       throw InputError(fmt::format("{}: the period, {} s, is not longer than the stimulus, {} ms",
                                    heart.place("period_s"), scene.period_s, cell.stimulus.duration_ms));
     scene.cells.emplace(key, std::move(cell));
+  }
+
+  if (reader.has("body")) {
+    read_body(reader, scene);
+    reader.finish();
+    scene.text = reader.full();
+    return scene;
   }
 
   SettingsReader& walls = reader.table("walls");
@@ -326,15 +396,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
                       walls.place(chamber_names[c])));
     scene.walls.push_back(read_wall(walls.table(chamber_names[c]), c, scene));
   }
-  // Cells that no wall uses are not built.
-  std::erase_if(scene.cells, [&](const auto& entry) {
-    bool used = false;
-    for (const WallPlan& wall : scene.walls)
-      for (const FibrePlan& fibre : wall.fibres) used = used || fibre.cells == entry.first;
-    if (!used)
-      scene.warnings.push_back(fmt::format("cells.{} is used by no wall and is left out", entry.first));
-    return !used;
-  });
+  leave_out_unused_cells(scene);
 
   SettingsReader& circulation = reader.table("circulation");
   const std::string set = circulation.choice("parameters", "fedele2023", circulation_set_names(false),
@@ -360,9 +422,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
                     "nearest that does is {:.6g} s",
                     solver.place("dt_s"), scene.dt_s, scene.period_s,
                     scene.period_s / std::max(10.0, std::round(steps))));
-  scene.electrophysiology_substep_ms = solver.number(scene_keys::substep);
-  scene.electrophysiology_integrator = solver.choice("electrophysiology_integrator", "rush-larsen-2",
-                                                     as_strings(fixed_step_integrators()), "integrator");
+  read_cell_solver(solver, scene);
   const std::string regulation =
       solver.choice("regulation", regulation_scheme_names[1], as_strings(regulation_scheme_names),
                     "scheme of the regulatory units");

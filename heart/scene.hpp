@@ -42,8 +42,11 @@ struct FibrePlan {
   std::vector<double> force_parameters;  // of the cell type, with the piece's own a_XB
 };
 
+// What is computed: a heart in the closed loop, or one physics of a body of 3D tissue alone.
+enum class Physics { heart, electrophysiology, mechanics };
+
 struct WallPlan {
-  std::string name;           // as in the scene: LA, ..., or ventricles
+  std::string name;           // as in the scene: LA, ..., ventricles, heart; or body
   std::vector<int> cavities;  // chambers it encloses
   std::string kind;           // elastance | reduced | triseg | tissue
   ElastanceParameters elastance;
@@ -57,10 +60,11 @@ struct Scene {
   std::string title;
   std::filesystem::path folder;  // of the scene file
   std::string text;              // the scene with all defaults filled in
+  Physics physics = Physics::heart;
   double period_s = 0.8;
   double body_surface_area_m2 = 1.9;
   std::map<std::string, CellType> cells;
-  std::vector<WallPlan> walls;
+  std::vector<WallPlan> walls;  // a body of tissue alone is the only one
   CirculationParameters circulation;
   Pericardium pericardium;
   CirculationValues initial{};
@@ -79,6 +83,10 @@ struct Scene {
   double checkpoint_every_s = 1;
   double checkpoint_every_ms = 50;  // of the model's time, with 3D tissue
   double stop_after_ms = 0;         // of the model's time, with 3D tissue; 0: at the end of the beats
+  // A body of tissue alone.
+  double end_ms = 0;        // of electrophysiology
+  double rows_every_ms = 1;  // of its result
+  int load_steps = 10;      // of mechanics: equilibria on the way to the whole load, one row each
   std::vector<std::string> warnings;
 };
 

@@ -75,6 +75,11 @@ inline constexpr Quantity stop_after{
     0,
     1e7,
     "end the run at this model time, within a beat or not; 0: at the end of its beats"};
+inline constexpr Quantity end{"end_ms", "ms", 400, 0.1, 1e7, "end of electrophysiology alone"};
+inline constexpr Quantity rows_every{
+    "rows_every_ms", "ms", 1, 0.01, 1000, "electrophysiology alone: time between rows of the result"};
+inline constexpr Quantity load_steps{
+    "load_steps", "1", 10, 1, 1e5, "mechanics alone: equilibria on the way to the whole load"};
 inline constexpr Quantity checkpoint{
     "checkpoint_every_s", "s", 1, 0, 1e6, "wall time between checkpoints of a run"};
 

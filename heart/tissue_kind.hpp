@@ -1,10 +1,12 @@
 // The door through which 3D tissue enters scenes. heart/ knows no deal.II: where the tissue was built and
-// linked, it registers how its tables are read and its walls are made.
+// linked, it registers how its tables are read, its walls are made and bodies of tissue alone are run.
 #pragma once
 
+#include <filesystem>
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/settings.hpp>
@@ -25,12 +27,25 @@ struct TissueNeeded : InputError {
   explicit TissueNeeded(const std::string& place) : InputError(place + ": " + reason) {}
 };
 
+// How a body of tissue alone is to be run, and what is said of it afterwards.
+struct BodyRequest {
+  std::optional<std::filesystem::path> result;  // also the checkpoint
+  std::optional<std::filesystem::path> resume;  // go on from this result of the same scene
+  bool quiet = false;
+};
+struct BodyOutcome {
+  std::string text;  // for people
+  std::string json;  // one line
+};
+
 struct TissueKind {
   // Reads the wall's table into plan.tissue, plan.cavities and plan.fibres.
   std::function<void(SettingsReader& table, const Scene& scene, WallPlan& plan)> read;
   std::function<std::unique_ptr<Wall>(const Scene& scene, const WallPlan& plan,
                                       const std::map<std::string, PacedCellType>& cells)>
       make;
+  // Runs a scene's body of tissue alone.
+  std::function<BodyOutcome(const Scene& scene, const BodyRequest& request)> run_body;
   bool quiet = false;  // walls show no progress of their own start
   // Under MPI: does the work on the first rank; what it throws is thrown on all.
   std::function<void(const std::function<void()>& work)> on_first_rank = [](const auto& work) { work(); };
@@ -38,7 +53,7 @@ struct TissueKind {
   std::function<bool(bool)> any_rank = [](bool value) { return value; };
 };
 
-// `read` and `make` are empty where no tissue is linked.
+// `read`, `make` and `run_body` are empty where no tissue is linked.
 TissueKind& tissue_kind();
 
 }  // namespace wiggers

@@ -118,7 +118,7 @@ void TriSegWall::linearise(const double* pressures, double* volumes, double* dV_
   }
 }
 
-void TriSegWall::update(const double* dp) {
+void TriSegWall::update(const double* dp, double) {
   std::array<double, 4> step;
   for (int i = 0; i < 4; ++i)
     step[i] = correction_[i] + per_pressure_[0][i] * dp[0] + per_pressure_[1][i] * dp[1];

@@ -25,7 +25,7 @@ class TriSegWall final : public Wall {
   void start(const double& t, const double* volumes, double* pressures) override;
   void begin_step(const double& t, const double& dt) override;
   void linearise(const double* pressures, double* volumes, double* dV_dp) override;
-  void update(const double* pressure_change) override;
+  void update(const double* pressure_change, double share) override;
   void accept_step() override;
   void reject_step() override;
   void move_to(const double* volumes) override;

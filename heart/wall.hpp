@@ -2,9 +2,12 @@
 //
 // Order of calls in a step t -> t + dt, by the driver:
 //
+//   set_arterial_pressures()   those of the great arteries, for walls that carry them
 //   begin_step(t, dt)          electrophysiology and active force, which do not depend on the pressure
 //   repeat: linearise(p, V, C) volumes after the wall's own Newton correction at pressures p, and dV/dp
-//           update(dp)         take the pressure correction
+//           admissible_share(dp)   of the correction that the wall can follow; the least of all walls counts
+//           update(dp, share)  take that share of the correction
+//   confirm_step()             may still refuse what Newton found
 //   accept_step()              keep it      (or reject_step(): back to the state before begin_step)
 //
 // save() and restore() carry everything the future depends on. Volumes mL, pressures mmHg, times s.
@@ -44,10 +47,24 @@ class WallOf {
   // Sets the starting volumes and whatever else a first step needs; returns a first guess of the pressures.
   virtual void start(const T& t, const T* volumes, T* pressures) = 0;
 
+  // For walls that also carry the pressure of the great arteries: mmHg, before start() and each begin_step().
+  virtual void set_arterial_pressures(const double* systemic_and_pulmonary_mmHg) {
+    (void)systemic_and_pulmonary_mmHg;
+  }
+
   virtual void begin_step(const T& t, const T& dt) = 0;
   // dV_dp is n x n, row-major.
   virtual void linearise(const T* pressures, T* volumes, double* dV_dp) = 0;
-  virtual void update(const T* pressure_change) = 0;
+  // How much of Newton's correction the wall can follow, from 0 to 1.
+  virtual double admissible_share(const T* pressure_change) {
+    (void)pressure_change;
+    return 1;
+  }
+  // The pressures change by this, which is already `share` of the whole correction.
+  virtual void update(const T* pressure_change, double share) = 0;
+  // Throws NumericalFailure if the balance that Newton found is beyond what the wall's models describe; the
+  // step is then rejected.
+  virtual void confirm_step() {}
   virtual void accept_step() = 0;
   virtual void reject_step() = 0;
 
@@ -57,6 +74,8 @@ class WallOf {
   virtual bool balanced() const { return true; }
   virtual double volume_tolerance_mL() const { return 0; }
   virtual bool may_halve_steps() const { return false; }
+  // Of a Newton that does not converge: where it is worst, as a sentence; may be empty.
+  virtual std::string trouble() const { return {}; }
 
   // Moves the wall to other volumes between two beats (limit-cycle acceleration), rates kept (3D tissue: at
   // rest).

@@ -36,6 +36,28 @@ struct Activation::Implementation {
 
   Implementation(const Partition& p) : partition(p), space(p.make_nodes(1, true)) {}
 
+  // Refuses lengths (um) and speeds (um/s) that no sarcomere has.
+  void require_in_range(const Region& region, std::span<const double> SL, std::span<const double> speed) const {
+    const Quantity& range = Rdq20::inputs[Rdq20::dSL_dt];
+    for (std::size_t k = 0; k < region.nodes.size(); ++k) {
+      const auto place = [&] {
+        const Point3& p = space.points[region.nodes[k]];
+        return fmt::format("({:.1f}, {:.1f}, {:.1f}) mm", 1e3 * p[0], 1e3 * p[1], 1e3 * p[2]);
+      };
+      if (!(SL[k] > 0.5 && SL[k] < 4) ||
+          !(Rdq20::dissociation_constant(SL[k], region.plan.parameters.data()) > 0))
+        throw NumericalFailure(fmt::format(
+            "sarcomere length {:.3g} um at {} (volume tag {}) is beyond what RDQ20 describes: the tissue is "
+            "stretched too far there. Check pressure, stiffness and the reference configuration",
+            SL[k], place(), region.plan.tags.front()));
+      if (!(speed[k] >= range.lower && speed[k] <= range.upper))
+        throw NumericalFailure(fmt::format(
+            "sarcomeres at {} (volume tag {}) change their length by {:.3g} um/s, beyond what any muscle "
+            "does: the step is unstable. Keep solver.stabilise.active_stress on, or take a smaller dt_s",
+            place(), region.plan.tags.front(), speed[k]));
+    }
+  }
+
   // All bridges of a region from states_before over dt at the given rates of stretch (1/s, own nodes of the
   // region); result in region.states.
   void run(Region& region, std::span<const double> stretch_rate) {
@@ -47,26 +69,8 @@ struct Activation::Implementation {
       Ca[k] = calcium[node];
       SL[k] = SL0 * stretch[node];
       speed[k] = SL0 * stretch_rate[k];
-      if (!(Rdq20::dissociation_constant(SL[k], region.plan.parameters.data()) > 0) ||
-          !(SL[k] > 0.5 && SL[k] < 4)) {
-        const Point3& p = space.points[node];
-        throw NumericalFailure(
-            fmt::format("sarcomere length {:.3g} um at ({:.1f}, {:.1f}, {:.1f}) mm is beyond what RDQ20 "
-                        "describes: the tissue is "
-                        "stretched too far there. Check pressure, stiffness and the reference configuration",
-                        SL[k], 1e3 * p[0], 1e3 * p[1], 1e3 * p[2]));
-      }
     }
-    const Quantity& range = Rdq20::inputs[Rdq20::dSL_dt];
-    for (std::size_t k = 0; k < n; ++k)
-      if (!(speed[k] >= range.lower && speed[k] <= range.upper)) {
-        const Point3& p = space.points[region.nodes[k]];
-        throw NumericalFailure(fmt::format(
-            "sarcomeres at ({:.1f}, {:.1f}, {:.1f}) mm change their length by {:.3g} um/s, beyond what any "
-            "muscle does: "
-            "the step is unstable. Keep solver.stabilise.active_stress on, or take a smaller dt_s",
-            1e3 * p[0], 1e3 * p[1], 1e3 * p[2], speed[k]));
-      }
+    require_in_range(region, SL, speed);
     region.bridges->assign_states(0, region.states_before);
     region.bridges->set_inputs("Ca", Ca);
     region.bridges->set_inputs("SL", SL);
@@ -189,6 +193,23 @@ void Activation::accept(std::span<const double> stretch) {
       for (std::size_t k = 0; k < rate.size(); ++k)
         rate[k] = (stretch[region.nodes[k]] - me.stretch[region.nodes[k]]) / me.dt;
       me.run(region, rate);
+    }
+  });
+}
+
+void Activation::require_in_range(std::span<const double> stretch) const {
+  const auto& me = *me_;
+  collectively(me.partition.communicator(), [&] {
+    std::vector<double> SL, speed;
+    for (const Region& region : me.regions) {
+      const double SL0 = region.plan.parameters[Rdq20::SL0];
+      SL.clear();
+      speed.clear();
+      for (int node : region.nodes) {
+        SL.push_back(SL0 * stretch[node]);
+        speed.push_back(SL0 * (stretch[node] - me.stretch[node]) / me.dt);
+      }
+      me.require_in_range(region, SL, speed);
     }
   });
 }

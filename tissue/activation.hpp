@@ -1,6 +1,6 @@
 // Active force in the tissue: RDQ20 at every vertex of the myocardium, in SIMD batches.
 //
-// Per step of mechanics: calcium at its end, stretch at its start and the stretch's rate go in; tension and
+// Per step of mechanics: calcium (its mean over the step), stretch at its start and the stretch's rate go in; tension and
 // stiffness come out, both times a_XB, which varies smoothly between the ventricles:
 //   a_XB(x) = a_XB (xi + share (1 - xi)),  xi the normalised interventricular coordinate (1 left, 0 right).
 #pragma once
@@ -37,6 +37,9 @@ class Activation {
   // step (dt_before) earlier. Collective.
   void begin_step(double dt_s, std::span<const double> calcium_uM, std::span<const double> stretch,
                   std::span<const double> stretch_before, double dt_before_s);
+  // Throws NumericalFailure if a step that ends with this stretch is beyond what RDQ20 describes, with the
+  // place. Collective.
+  void require_in_range(std::span<const double> stretch) const;
   // The step is done; with the implicit rate the bridges move again with the rate it had.
   void accept(std::span<const double> stretch);
   void reject();

@@ -71,12 +71,36 @@ inline constexpr std::array<Quantity, n_chambers> image_pressures = {{
     {"image_pressure_RV_mmHg", "mmHg", 4.9, 0, 100,
      "pressure in the right ventricle when the mesh's shape was taken"},
 }};
+// The founding paper's 9500 and 1700 Pa.
+inline constexpr std::array<Quantity, 2> artery_image_pressures = {{
+    {"image_pressure_AO_mmHg", "mmHg", 71.3, 0, 300, "pressure in the aorta when the mesh's shape was taken"},
+    {"image_pressure_PT_mmHg", "mmHg", 12.8, 0, 300,
+     "pressure in the pulmonary trunk when the mesh's shape was taken"},
+}};
+inline constexpr Quantity pressure{"pressure_mmHg", "mmHg", 0, -100, 1000, "pressure at the whole load"};
+inline constexpr Quantity volume{"volume_mL", "mL", 100, 0.01, 1e4, "volume at the whole load"};
+inline constexpr Quantity tension{
+    "active_tension_kPa", "kPa", 0, 0, 1000, "active tension of the myocardium at the whole load"};
 inline constexpr Quantity n_s{"n_s", "1", 0, 0, 1, "share of active stress along the sheet"};
 inline constexpr Quantity right_share{
     "right_share", "1", 0.7, 0, 10, "a_XB of the right ventricle over that of the left"};
 inline constexpr Quantity fields_every{
     "fields_every_ms", "ms", 10, 0, 1e6, "time between fields written for ParaView; 0: none"};
 }  // namespace tissue_keys
+
+// Arteries that a body of tissue may have: their inner surface carries the circulation's pressure.
+struct Artery {
+  std::string_view name;
+  int tag;
+};
+inline constexpr std::array<Artery, 2> arteries = {
+    {{"AO", mesh_tags::endothelium_aorta}, {"PT", mesh_tags::endothelium_pulmonary_trunk}}};
+
+// Of mechanics alone: a cavity's pressure, or its volume where one is given, at the whole load.
+struct CavityLoad {
+  double pressure_mmHg = 0;
+  std::optional<double> volume_mL;
+};
 
 struct TissuePlan {
   std::string mesh_file;  // empty: made
@@ -88,7 +112,7 @@ struct TissuePlan {
   bool fibres_from_file = false;
 
   MonodomainSettings electrophysiology;
-  Conductivity conductivity, fast_conductivity;
+  Conductivity conductivity, fast_conductivity, atrial_conductivity;
   bool feedback = true;  // deformed conductivities
   std::vector<Stimulus> stimuli;
   std::vector<Point3> electrodes;
@@ -100,18 +124,23 @@ struct TissuePlan {
   std::vector<int> named_tags;  // of materials and supports that the scene names itself
   bool recover_reference = true;
   std::array<double, n_chambers> image_pressure_mmHg{};
+  std::array<double, arteries.size()> artery_image_pressure_mmHg{};
+
+  // Mechanics alone.
+  std::array<CavityLoad, n_chambers> loads{};
+  std::array<double, arteries.size()> arterial_pressure_mmHg{};
+  double active_tension_kPa = 0;
+  bool fields_every_step = true;
+
   double right_share = 0.7;
   double fields_every_ms = 10;
 };
 
-// Reads a wall's table; fills plan.cavities, plan.fibres and plan.tissue (a TissuePlan).
+// Reads the table of a wall or body, what its physics needs; fills plan.tissue (a TissuePlan), for bodies also
+// plan.cavities.
 void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& plan);
 
-// The mesh a plan names, made or read by one rank, checked, on all ranks. Collective.
-std::shared_ptr<const TetMesh> make_mesh(const TissuePlan& plan, const std::vector<int>& chambers,
-                                         const std::string& place, MPI_Comm communicator);
-
-// Surface tag of a chamber's endocardium.
-int endocardium_of(int chamber);
+// The part of it on mechanics; adds cavities that only the loads name. For read_tissue().
+void read_mechanics(SettingsReader& table, Physics physics, std::vector<int>& chambers, TissuePlan& plan);
 
 }  // namespace wiggers

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -20,6 +21,64 @@ std::vector<Point3> vertex_displacement(const Mechanics& mechanics) {
   for (std::size_t k = 0; k < d.size(); ++k) d[k] = {flat[3 * k], flat[3 * k + 1], flat[3 * k + 2]};
   return d;
 }
+
+// Anderson mixing: of the last few iterates the combination whose residual would be least, were the map
+// linear. Without it the fixed point stalls on fine meshes near the full load, where single elements are soft.
+class Mixing {
+ public:
+  // The change of the iterate, given its residual.
+  std::vector<double> next(const std::vector<double>& residual) {
+    const double size = norm(residual);
+    // A step that made things much worse is not learnt from.
+    if (!last_residual_.empty() && size > 2 * last_size_) {
+      changes_.clear();
+      differences_.clear();
+      relaxation_ = 0.5;
+    } else if (!last_residual_.empty()) {
+      differences_.push_back(minus(residual, last_residual_));
+      changes_.push_back(last_change_);
+      if (changes_.size() > depth) {
+        changes_.erase(changes_.begin());
+        differences_.erase(differences_.begin());
+      }
+      relaxation_ = 1;
+    }
+    std::vector<double> change = residual;
+    for (double& value : change) value *= relaxation_;
+    if (const auto m = static_cast<Eigen::Index>(differences_.size()); m > 0) {
+      const auto n = static_cast<Eigen::Index>(residual.size());
+      Eigen::MatrixXd R(n, m);
+      for (Eigen::Index k = 0; k < m; ++k)
+        R.col(k) = Eigen::Map<const Eigen::VectorXd>(differences_[k].data(), n);
+      const Eigen::VectorXd share =
+          R.colPivHouseholderQr().solve(Eigen::Map<const Eigen::VectorXd>(residual.data(), n));
+      for (Eigen::Index k = 0; k < m; ++k)
+        for (Eigen::Index i = 0; i < n; ++i)
+          change[i] -= share(k) * (changes_[k][i] + relaxation_ * differences_[k][i]);
+    }
+    last_residual_ = residual;
+    last_change_ = change;
+    last_size_ = size;
+    return change;
+  }
+
+ private:
+  static constexpr std::size_t depth = 6;
+  static double norm(const std::vector<double>& v) {
+    double sum = 0;
+    for (double value : v) sum += value * value;
+    return std::sqrt(sum);
+  }
+  static std::vector<double> minus(const std::vector<double>& a, const std::vector<double>& b) {
+    std::vector<double> c(a);
+    for (std::size_t k = 0; k < c.size(); ++k) c[k] -= b[k];
+    return c;
+  }
+
+  std::vector<std::vector<double>> changes_, differences_;  // of iterate and residual
+  std::vector<double> last_residual_, last_change_;
+  double last_size_ = 0, relaxation_ = 1;
+};
 
 bool all_positive(const TetMesh& mesh) {
   for (std::size_t c = 0; c < mesh.cells.size(); ++c)
@@ -44,10 +103,9 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
     if (last_step > 0)
       for (std::size_t k = 0; k < X.size(); ++k)
         X[k] = good[k] + ((next - share) / last_step) * (good[k] - last_good[k]);
-    double omega = 1, before = std::numeric_limits<double>::infinity();
     bool converged = false;
     std::vector<Point3> guess;  // of the displacement, from the last iteration
-    std::vector<double> last_residual;
+    Mixing mixing;
     for (int iteration = 0; iteration < settings.max_iterations; ++iteration) {
       auto mesh = std::make_shared<TetMesh>(*image);
       mesh->points = X;
@@ -121,30 +179,16 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
         converged = true;
         break;
       }
-      // Aitken: the relaxation that would have been best for the last two residuals. A residual that grows
-      // halves it.
       std::vector<double> residual;
       residual.reserve(3 * X.size());
       for (std::size_t k = 0; k < X.size(); ++k)
         for (int i = 0; i < 3; ++i) residual.push_back(image->points[k][i] - X[k][i] - d[k][i]);
-      if (!last_residual.empty()) {
-        double along = 0, squares = 0;
-        for (std::size_t k = 0; k < residual.size(); ++k) {
-          const double change = residual[k] - last_residual[k];
-          along += last_residual[k] * change;
-          squares += change * change;
-        }
-        omega = std::clamp(-omega * along / squares, 0.1, 2.0);
-      }
-      if (largest > before) omega = std::max(0.1, std::min(omega, 0.5));
-      before = largest;
-      last_residual = std::move(residual);
+      const std::vector<double> change = mixing.next(residual);
       guess = d;
       for (std::size_t k = 0; k < X.size(); ++k)
         for (int i = 0; i < 3; ++i) {
-          const double change = omega * (image->points[k][i] - X[k][i] - d[k][i]);
-          X[k][i] += change;
-          guess[k][i] -= change;  // the image stays where it is
+          X[k][i] += change[3 * k + i];
+          guess[k][i] -= change[3 * k + i];  // the image stays where it is
         }
       failure = fmt::format("the fixed point still moves by {:.2g} mm", 1e3 * largest);
     }

@@ -1,4 +1,5 @@
 #include <wiggers/heart/tissue_kind.hpp>
+#include <wiggers/tissue/body_run.hpp>
 #include <wiggers/tissue/collective.hpp>
 #include <wiggers/tissue/plan.hpp>
 #include <wiggers/tissue/register.hpp>
@@ -12,6 +13,10 @@ void register_tissue() {
   kind.make = [](const Scene& scene, const WallPlan& plan,
                  const std::map<std::string, PacedCellType>& cells) -> std::unique_ptr<Wall> {
     return std::make_unique<TissueWall>(scene, plan, cells, MPI_COMM_WORLD);
+  };
+  kind.run_body = [](const Scene& scene, const BodyRequest& request) {
+    return scene.physics == Physics::mechanics ? run_body_mechanics(scene, request, MPI_COMM_WORLD)
+                                               : run_body_electrophysiology(scene, request, MPI_COMM_WORLD);
   };
   kind.on_first_rank = [](const std::function<void()>& work) {
     collectively(MPI_COMM_WORLD, [&] {

@@ -3,18 +3,16 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/progress.hpp>
 #include <wiggers/core/stopwatch.hpp>
 #include <wiggers/core/units.hpp>
-#include <wiggers/heart/cell_source.hpp>
 #include <wiggers/heart/tissue_kind.hpp>
 #include <wiggers/tissue/activation.hpp>
+#include <wiggers/tissue/body.hpp>
 #include <wiggers/tissue/collective.hpp>
 #include <wiggers/tissue/equilibrium.hpp>
 #include <wiggers/tissue/field_file.hpp>
-#include <wiggers/tissue/reference_configuration.hpp>
 #include <wiggers/tissue/tissue_wall.hpp>
 
 namespace wiggers {
@@ -57,6 +55,9 @@ struct TissueWall::Implementation {
   std::vector<double> cell_volume;  // of local conductive cells
   RecoveryReport recovery;
 
+  std::vector<int> arteries_here;           // indexes of `arteries`
+  std::vector<double> arterial_pressures;   // Pa, at the step's start, of arteries_here
+
   // State between steps.
   std::vector<double> stretch, stretch_before;  // of local vertices, at the step's start and one step earlier
   std::vector<double> calcium;                  // rescaled, at the step's start
@@ -67,8 +68,8 @@ struct TissueWall::Implementation {
   // Of the present step.
   double dt = 0;
   std::vector<double> next_calcium;
-  std::vector<double> pressures;  // Pa, at the last linearise()
-  std::vector<double> y;
+  std::vector<double> pressures;  // Pa, at the last linearise(): cavities, then arteries
+  std::vector<double> y, step, trial;
   std::vector<std::vector<double>> Y;
   std::vector<double> compliance;  // m^3/Pa
   bool balance_met = false, have_tangent = false, have_compliance = false;
@@ -83,39 +84,23 @@ struct TissueWall::Implementation {
   double lead = 0;
 
   std::size_t n_cavities() const { return chambers.size(); }
+  // Pressures of the cavities with those of the arteries behind them.
+  std::vector<double> loaded(std::vector<double> of_cavities) const {
+    of_cavities.insert(of_cavities.end(), arterial_pressures.begin(), arterial_pressures.end());
+    return of_cavities;
+  }
   Progress::Style progress_style() const {
     return first_rank && !tissue_kind().quiet ? Progress::Style::automatic : Progress::Style::quiet;
   }
 
-  MechanicsSettings mechanics_settings() const {
-    MechanicsSettings s = plan.mechanics;
-    s.surfaces.clear();
-    for (int chamber : chambers) s.surfaces.push_back({endocardium_of(chamber), {}});
-    // A mesh from a file holds some of the tags that could be there; what the scene names must be there.
-    std::erase_if(s.materials, [&](const Material& m) {
-      return std::find(image->cell_tags.begin(), image->cell_tags.end(), m.tag) == image->cell_tags.end();
-    });
-    if (!plan.mesh_file.empty())
-      std::erase_if(s.supports, [&](const Support& m) {
-        return std::find(image->facet_tags.begin(), image->facet_tags.end(), m.tag) ==
-                   image->facet_tags.end() &&
-               std::find(plan.named_tags.begin(), plan.named_tags.end(), m.tag) == plan.named_tags.end();
-      });
-    return s;
-  }
-
-  FibreField make_fibres(const TetMesh& on) const {
-    return plan.fibres_from_file ? fibres_from_cells(on) : rule_based_fibres(on, plan.fibres);
-  }
-
   void set_up(std::shared_ptr<const TetMesh> unloaded) {
     mesh = std::move(unloaded);
-    collectively(communicator, [&] { fibres = make_fibres(*mesh); });
+    collectively(communicator, [&] { fibres = make_fibres(plan, *mesh); });
     partition = std::make_unique<Partition>(mesh, communicator);
     monodomain = std::make_unique<Monodomain>(*partition, &fibres, plan.electrophysiology, ionic,
                                               plan.stimuli, image.get());
     activation = std::make_unique<Activation>(*partition, &fibres, force, rate, stabilise);
-    mechanics = std::make_unique<Mechanics>(*partition, &fibres, mechanics_settings());
+    mechanics = std::make_unique<Mechanics>(*partition, &fibres, mechanics_of(plan, chambers, *image));
     solver = std::make_unique<LinearSolver>(mechanics->matrix(), plan.solver);
     const NodeSpace& vertices = activation->nodes();
     ep_node.assign(vertices.n_local, -1);
@@ -144,7 +129,8 @@ struct TissueWall::Implementation {
     calcium = rescaled_calcium();
     next_calcium = calcium;
     last_dt = dt_s;
-    pressures.assign(n_cavities(), 0.0);
+    arterial_pressures.resize(arteries_here.size(), 0.0);
+    pressures = loaded(std::vector<double>(n_cavities(), 0.0));
     Y.assign(n_cavities(), std::vector<double>(3 * static_cast<std::size_t>(mechanics->nodes().n_own), 0.0));
     compliance.assign(n_cavities() * n_cavities(), 0.0);
   }
@@ -198,8 +184,9 @@ struct TissueWall::Implementation {
     ++cost.solves;
     cost.solver_iterations += report.iterations;
     if (!report.converged)
-      throw NumericalFailure(
-          fmt::format("walls.{}: the linear solver of mechanics failed, {}", name, report.reason));
+      throw NumericalFailure(fmt::format(
+          "walls.{}: the linear solver of mechanics failed, {}; smallest J {:.3g} in {}", name, report.reason,
+          balance.smallest_J, mechanics->place_of_cell(balance.worst_cell)));
   }
 
   void assemble(bool tangent) {
@@ -259,54 +246,19 @@ TissueWall::TissueWall(const Scene& scene, const WallPlan& wall,
                                  me.name, me.plan.electrophysiology.tau_s * units::ms_per_s, me.dt_s));
 
   me.image = make_mesh(me.plan, me.chambers, fmt::format("walls.{}", me.name), communicator);
-  const auto has_tag = [&](int tag) {
-    return std::find(me.image->cell_tags.begin(), me.image->cell_tags.end(), tag) !=
-           me.image->cell_tags.end();
-  };
-  const double period_ms = scene.period_s * units::ms_per_s;
+  me.arteries_here = arteries_of(*me.image);
+  me.ionic = ionic_regions(scene, wall, *me.image, cells, fmt::format("walls.{}", me.name));
   for (std::size_t r = 0; r < wall.fibres.size(); ++r) {
     const FibrePlan& fibre = wall.fibres[r];
-    const bool atrial = wall.fibres.size() == 2 && r == 1;
-    std::vector<int> tags;
-    for (int tag : atrial ? std::vector<int>{mesh_tags::left_atrium, mesh_tags::right_atrium}
-                          : std::vector<int>{mesh_tags::ventricles})
-      if (has_tag(tag)) tags.push_back(tag);
-    if (tags.empty())
-      throw InputError(fmt::format("walls.{}: the mesh has no tissue for cells {}", me.name, fibre.cells));
-    const CellType& type = scene.cells.at(fibre.cells);
     const PacedCellType& paced = cells.at(fibre.cells);
-    if (!type.ionic)
-      throw InputError(
-          fmt::format("walls.{}: tissue needs an ionic model; cells {} are a prescribed transient", me.name,
-                      fibre.cells));
-    // All cells start where their cycle is at the beat's start, the first stimulus being its onset.
-    double onset_ms = fibre.activation_ms;
-    if (onset_ms == 0) {
-      onset_ms = me.plan.stimuli.front().start_s * units::ms_per_s;
-      for (const Stimulus& s : me.plan.stimuli) onset_ms = std::min(onset_ms, s.start_s * units::ms_per_s);
-    }
-    IonicRegion ionic;
-    ionic.tags = tags;
-    ionic.model = type.ionic;
-    ionic.parameters = type.ionic_parameters;
-    const IonicCellSource at_start(
-        *type.ionic, type.ionic_parameters, paced.state_at_onset,
-        IonicCellSource::Pacing{period_ms, onset_ms, type.stimulus, scene.electrophysiology_integrator,
-                                scene.electrophysiology_substep_ms},
-        type.rescaling);
-    ionic.initial_state = at_start.state();
-    ionic.conductivity = me.plan.conductivity;
-    ionic.fast_layer = me.plan.fast_conductivity;
-    if (atrial) ionic.conductivity = {7e-4, 1.41e-4, 1.41e-4};
-    me.ionic.push_back(std::move(ionic));
-    CalciumRescaling rescaling = type.rescaling;
+    CalciumRescaling rescaling = scene.cells.at(fibre.cells).rescaling;
     if (rescaling.reading == CalciumReading::peak) rescaling.diastolic_uM = paced.calcium_min_uM;
     me.rescaling.push_back(rescaling);
     ForceRegion force;
-    force.tags = tags;
+    force.tags = me.ionic[r].tags;
     force.parameters = fibre.force_parameters;
     force.rest_calcium_uM = paced.calcium_min_uM;
-    force.right_share = atrial ? 1.0 : me.plan.right_share;
+    force.right_share = r == 0 ? me.plan.right_share : 1.0;  // the atria have no left and right tension
     force.active = fibre.settings.active;
     force.subtract_rest_tension = fibre.settings.subtract_rest_tension;
     me.force.push_back(std::move(force));
@@ -319,40 +271,28 @@ std::span<const int> TissueWall::cavities() const { return me_->chambers; }
 
 void TissueWall::start(const double&, const double* volumes, double* pressures) {
   auto& me = *me_;
-  std::shared_ptr<const TetMesh> unloaded = me.image;
-  std::vector<double> image_pressures;
-  for (int chamber : me.chambers)
-    image_pressures.push_back(me.plan.image_pressure_mmHg[chamber] * units::Pa_per_mmHg);
-  if (me.plan.recover_reference) {
-    Progress progress(fmt::format("walls.{}: unloaded shape", me.name), me.progress_style());
-    std::unique_ptr<Partition> partition;
-    FibreField fibres;
-    unloaded = recover_reference(
-        me.image, image_pressures,
-        [&](std::shared_ptr<const TetMesh> mesh) {
-          collectively(me.communicator, [&] { fibres = me.make_fibres(*mesh); });
-          partition = std::make_unique<Partition>(mesh, me.communicator);
-          return std::make_unique<Mechanics>(*partition, &fibres, me.mechanics_settings());
-        },
-        {}, me.recovery, [&](double share) { progress.update(share); });
-    progress.finish(fmt::format("{} iterations, {:.1e} mm off, smallest volume ratio {:.2f}",
-                                me.recovery.fixed_point_iterations, 1e3 * me.recovery.residual_m,
-                                me.recovery.smallest_volume_ratio));
-  }
-  me.set_up(unloaded);
+  me.set_up(unloaded_shape(me.plan, me.chambers, me.image, fmt::format("walls.{}", me.name), me.progress_style(),
+                           me.communicator, me.recovery));
 
   // The initial displacement: in equilibrium at the volumes wanted, without active stress.
   Progress progress(fmt::format("walls.{}: initial displacement", me.name), me.progress_style());
   me.mechanics->set_tension({});
-  std::vector<double> p(me.n_cavities(), 0.0);
+  std::vector<double> p = me.loaded(std::vector<double>(me.n_cavities(), 0.0));
   me.bring_to_volumes(volumes, p);
   me.pressures = p;
-  for (std::size_t k = 0; k < p.size(); ++k) pressures[k] = p[k] / units::Pa_per_mmHg;
+  for (std::size_t k = 0; k < me.n_cavities(); ++k) pressures[k] = p[k] / units::Pa_per_mmHg;
   me.mechanics->accept();
   me.mechanics->accept();
   me.after_displacement_changed();
   me.stretch_before = me.stretch;
   progress.finish(fmt::format("{:.1f} mL at {:.2f} mmHg", volumes[0], pressures[0]));
+}
+
+void TissueWall::set_arterial_pressures(const double* systemic_and_pulmonary_mmHg) {
+  auto& me = *me_;
+  me.arterial_pressures.clear();
+  for (int artery : me.arteries_here)
+    me.arterial_pressures.push_back(systemic_and_pulmonary_mmHg[artery] * units::Pa_per_mmHg);
 }
 
 void TissueWall::begin_step(const double& t, const double& dt) {
@@ -392,7 +332,9 @@ void TissueWall::begin_step(const double& t, const double& dt) {
 void TissueWall::linearise(const double* pressures, double* volumes, double* dV_dp) {
   auto& me = *me_;
   const std::size_t m = me.n_cavities();
-  for (std::size_t k = 0; k < m; ++k) me.pressures[k] = pressures[k] * units::Pa_per_mmHg;
+  std::vector<double> of_cavities(m);
+  for (std::size_t k = 0; k < m; ++k) of_cavities[k] = pressures[k] * units::Pa_per_mmHg;
+  me.pressures = me.loaded(std::move(of_cavities));
   // The tangent of the last step, or of the last iteration, is kept while the residual falls fast enough.
   const bool old_enough = !me.have_tangent || me.tangent_age >= me.plan.tangent_every;
   me.assemble(me.iteration == 0 && old_enough);
@@ -444,27 +386,46 @@ void TissueWall::linearise(const double* pressures, double* volumes, double* dV_
   ++me.iteration;
 }
 
-void TissueWall::update(const double* pressure_change) {
+double TissueWall::admissible_share(const double* pressure_change) {
   auto& me = *me_;
-  auto& d = me.mechanics->displacement();
-  std::vector<double> step = me.y;
+  me.step = me.y;
   for (std::size_t l = 0; l < me.n_cavities(); ++l) {
     const double dp = pressure_change[l] * units::Pa_per_mmHg;
-    for (std::size_t k = 0; k < step.size(); ++k) step[k] -= me.Y[l][k] * dp;
+    for (std::size_t k = 0; k < me.step.size(); ++k) me.step[k] -= me.Y[l][k] * dp;
   }
-  const std::vector<double> from = d;
-  double factor = 1;
-  for (int halvings = 0;; ++halvings, factor *= 0.5) {
-    for (std::size_t k = 0; k < step.size(); ++k) d[k] = from[k] + factor * step[k];
-    me.set_ghosts(d);
-    const auto [J, cell] = me.mechanics->smallest_volume_ratio(d);
-    if (J > 0) break;
+  // Own nodes move, ghosts follow.
+  me.trial = me.mechanics->displacement();
+  const std::vector<double>& from = me.mechanics->displacement();
+  double share = 1;
+  for (int halvings = 0;; ++halvings, share *= 0.5) {
+    for (std::size_t k = 0; k < me.step.size(); ++k) me.trial[k] = from[k] + share * me.step[k];
+    me.set_ghosts(me.trial);
+    const auto [J, cell] = me.mechanics->smallest_volume_ratio(me.trial);
+    if (J > 0) return share;
     ++me.cost.halvings;
     if (halvings == most_halvings)
       throw NumericalFailure(
           fmt::format("walls.{}: no step of Newton keeps all elements upright: J = {:.3g} in {}", me.name, J,
                       me.mechanics->place_of_cell(cell)));
   }
+}
+
+void TissueWall::update(const double*, double share) {
+  auto& me = *me_;
+  auto& d = me.mechanics->displacement();
+  for (std::size_t k = 0; k < me.step.size(); ++k) d[k] += share * me.step[k];
+  me.set_ghosts(d);
+}
+
+void TissueWall::confirm_step() {
+  auto& me = *me_;
+  me.activation->require_in_range(me.vertex_stretch());
+}
+
+std::string TissueWall::trouble() const {
+  const auto& me = *me_;
+  return fmt::format("walls.{}: residual {:.3g} N, smallest J {:.3g} in {}.", me.name, me.balance.residual,
+                     me.balance.smallest_J, me.mechanics->place_of_cell(me.balance.worst_cell));
 }
 
 bool TissueWall::balanced() const { return me_->balance_met; }
@@ -499,6 +460,7 @@ void TissueWall::reject_step() {
 void TissueWall::move_to(const double* volumes) {
   auto& me = *me_;
   // Quasi-static, with the tension there is; the velocity is lost.
+  me.pressures = me.loaded({me.pressures.begin(), me.pressures.begin() + static_cast<long>(me.n_cavities())});
   me.bring_to_volumes(volumes, me.pressures);
   me.mechanics->accept();
   me.mechanics->accept();
@@ -511,7 +473,7 @@ void TissueWall::save(std::vector<double>& out) const {
   const auto& me = *me_;
   for (const Point3& p : me.mesh->points) out.insert(out.end(), p.begin(), p.end());
   out.insert(out.end(), {me.last_dt, me.ep_done_until});
-  out.insert(out.end(), me.pressures.begin(), me.pressures.end());
+  out.insert(out.end(), me.pressures.begin(), me.pressures.begin() + static_cast<long>(me.n_cavities()));
   const NodeSpace& nodes = me.mechanics->nodes();
   for (const auto* d : {&me.mechanics->last_displacement(), &me.mechanics->displacement_before_last()}) {
     const auto all = me.partition->gather(nodes, d->data(), 3);
@@ -545,7 +507,7 @@ void TissueWall::restore(std::span<const double>& in) {
   me.last_dt = take_saved(in);
   me.ep_done_until = take_saved(in);
   const auto p = take(me.n_cavities());
-  me.pressures.assign(p.begin(), p.end());
+  me.pressures = me.loaded({p.begin(), p.end()});
   const NodeSpace& nodes = me.mechanics->nodes();
   for (auto* d : {&me.mechanics->last_displacement(), &me.mechanics->displacement_before_last()})
     Partition::scatter(nodes, take(3 * static_cast<std::size_t>(nodes.n_global)), d->data(), 3);

@@ -25,9 +25,13 @@ class TissueWall final : public Wall {
 
   std::span<const int> cavities() const override;
   void start(const double& t, const double* volumes, double* pressures) override;
+  void set_arterial_pressures(const double* systemic_and_pulmonary_mmHg) override;
   void begin_step(const double& t, const double& dt) override;
   void linearise(const double* pressures, double* volumes, double* dV_dp) override;
-  void update(const double* pressure_change) override;
+  double admissible_share(const double* pressure_change) override;
+  void update(const double* pressure_change, double share) override;
+  void confirm_step() override;
+  std::string trouble() const override;
   bool balanced() const override;
   double volume_tolerance_mL() const override;
   bool may_halve_steps() const override { return true; }

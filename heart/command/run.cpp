@@ -7,6 +7,7 @@
 #include <wiggers/heart/monolithic.hpp>
 #include <wiggers/heart/run.hpp>
 #include <wiggers/heart/summary.hpp>
+#include <wiggers/heart/tissue_kind.hpp>
 
 #include "shared.hpp"
 #include "verbs.hpp"
@@ -49,6 +50,26 @@ void run_monolithic(const Scene& scene, const Options& o) {
     throw NumericalFailure(limit_cycle_failure(certificate));
 }
 
+// A body of 3D tissue alone.
+void run_body(const Scene& scene, const Options& o) {
+  if (!o.accuracy.empty())
+    throw InputError("--accuracy is of scenes with a circulation: set the keys of [body] by --set");
+  BodyRequest request;
+  if (!o.output.empty()) request.result = o.output;
+  if (!o.resume.empty()) request.resume = o.resume;
+  if (!request.result && request.resume) request.result = request.resume;
+  if (request.result) require_writable(*request.result, "-o");
+  request.quiet = o.quiet;
+  const BodyOutcome outcome = tissue_kind().run_body(scene, request);
+  for (const std::string& warning : scene.warnings) fmt::print("note: {}\n", warning);
+  fmt::print("{}\n\n{}", scene.title, outcome.text);
+  if (request.result)
+    fmt::print("result: {}\n", request.result->string());
+  else
+    fmt::print("no -o was given: nothing was written\n");
+  if (o.json) fmt::print("{}\n", outcome.json);
+}
+
 }  // namespace
 
 void add_run(CLI::App& app) {
@@ -80,7 +101,12 @@ void add_run(CLI::App& app) {
       run_monolithic(read_scene(o->scene, overrides), *o);
       return;
     }
-    HeartRun run(read_scene(o->scene, overrides));
+    Scene scene = read_scene(o->scene, overrides);
+    if (scene.physics != Physics::heart) {
+      run_body(scene, *o);
+      return;
+    }
+    HeartRun run(std::move(scene));
     // A resumed run goes on in the file it came from, unless another is named.
     std::optional<std::filesystem::path> result;
     if (!o->output.empty()) result = o->output;
@@ -136,11 +162,14 @@ void add_check(CLI::App& app) {
     fmt::print("{}: good\n", o->scene);
     for (const WallPlan& wall : scene.walls) {
       fmt::print("  {}: {}", wall.name, wall.kind);
+      if (scene.physics != Physics::heart)
+        fmt::print(", {} alone", scene.physics == Physics::mechanics ? "mechanics" : "electrophysiology");
       for (const FibrePlan& fibre : wall.fibres)
         fmt::print(", cells {} activated at {} ms", fibre.cells, fibre.activation_ms);
       fmt::print("\n");
     }
-    fmt::print("  blood volume {:.1f} mL, period {} s, step {} s\n",
+    if (scene.physics == Physics::heart)
+      fmt::print("  blood volume {:.1f} mL, period {} s, step {} s\n",
                total_volume(scene.circulation, scene.initial.data()), scene.period_s, scene.dt_s);
     for (const std::string& warning : scene.warnings) fmt::print("note: {}\n", warning);
   });

@@ -1,0 +1,206 @@
+// What a scene says of a body's mechanics: materials, supports, loads.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <wiggers/core/errors.hpp>
+#include <wiggers/heart/scene_keys.hpp>
+#include <wiggers/tissue/body.hpp>
+#include <wiggers/tissue/law_parameters.hpp>
+#include <wiggers/tissue/plan.hpp>
+
+namespace wiggers {
+
+namespace {
+
+namespace keys = tissue_keys;
+
+template <std::size_t N>
+std::array<double, N> read_all(SettingsReader& table, const std::array<Quantity, N>& quantities,
+                               const std::array<double, N>& defaults) {
+  std::array<double, N> values{};
+  for (std::size_t k = 0; k < N; ++k) values[k] = table.number(quantities[k], defaults[k]);
+  return values;
+}
+
+Material read_material(SettingsReader& table, int tag) {
+  const bool muscle = mesh_tags::conductive(tag);
+  const std::vector<std::string> laws = {"usyk", "guccione", "holzapfel-ogden", "neo-hookean"};
+  const std::string law = table.choice("law", muscle ? "usyk" : "neo-hookean", laws, "material law");
+  Material material;
+  material.tag = tag;
+  if (law == "usyk") {
+    auto defaults = defaults_of(usyk_quantities);
+    if (tag == mesh_tags::right_atrium) defaults[0] = 1470;
+    if (tag == mesh_tags::left_atrium) defaults[0] = 1760;
+    const auto values = read_all(table, usyk_quantities, defaults);
+    material.law = usyk_law(values);
+    material.bulk_Pa = values.back();
+  } else if (law == "guccione") {
+    const auto values = read_all(table, guccione_quantities, defaults_of(guccione_quantities));
+    material.law = guccione_law(values);
+    material.bulk_Pa = values.back();
+  } else if (law == "holzapfel-ogden") {
+    const auto values = read_all(table, holzapfel_ogden_quantities, defaults_of(holzapfel_ogden_quantities));
+    material.law = holzapfel_ogden_law(values);
+    material.bulk_Pa = values.back();
+  } else {
+    auto defaults = defaults_of(neo_hookean_quantities);
+    if (tag == mesh_tags::aorta || tag == mesh_tags::pulmonary_trunk) defaults = {5.25e5, 1e6};
+    material.law = neo_hookean_law(read_all(table, neo_hookean_quantities, defaults));
+  }
+  return material;
+}
+
+Support read_support(SettingsReader& table, int tag) {
+  Support support;
+  support.tag = tag;
+  // Facing pericardial fluid and fat: the founding paper's values; rings are held.
+  const bool fluid = tag == mesh_tags::epicardium, fat = tag == mesh_tags::epicardium_fat;
+  support.normal_stiffness = table.number(keys::normal_stiffness, fluid ? 2e5 : fat ? 2e2 : 0);
+  support.normal_damping = table.number(keys::normal_damping, fluid ? 2e3 : fat ? 2 : 0);
+  support.full_stiffness = table.number(keys::full_stiffness);
+  support.full_damping = table.number(keys::full_damping);
+  const bool held = table.flag("fixed", tag == mesh_tags::rings);
+  support.fixed = {held, held, held};
+  return support;
+}
+
+// Tags that each shape has: what can be named in its tables.
+std::vector<int> volumes_of(const std::string& shape) {
+  using namespace mesh_tags;
+  if (shape == "ellipsoid") return {ventricles, caps};
+  if (shape == "biventricular") return {ventricles, annuli, valves};
+  return {ventricles, left_atrium, right_atrium, annuli, valves, aorta, pulmonary_trunk, caps};
+}
+
+template <std::size_t N>
+std::vector<std::string> names_of_tags(const std::array<mesh_tags::Tag, N>& tags) {
+  std::vector<std::string> names;
+  for (const auto& tag : tags) names.emplace_back(tag.name);
+  return names;
+}
+
+// Sub-tables named by tags; refuses unknown names.
+template <std::size_t N>
+std::vector<int> named_tags(SettingsReader& table, const std::array<mesh_tags::Tag, N>& tags,
+                            const char* kind) {
+  std::vector<int> named;
+  for (const std::string& key : table.keys()) {
+    bool known = false;
+    for (const auto& tag : tags)
+      if (tag.name == key) {
+        named.push_back(tag.tag);
+        known = true;
+      }
+    if (!known) {
+      try {
+        refuse_unknown(kind, key, names_of_tags(tags));
+      } catch (const InputError& error) {
+        throw InputError(fmt::format("{}: {}", table.place(key), error.what()));
+      }
+    }
+  }
+  return named;
+}
+
+template <std::size_t N>
+std::string_view name_of_tag(const std::array<mesh_tags::Tag, N>& tags, int tag) {
+  for (const auto& known : tags)
+    if (known.tag == tag) return known.name;
+  return "?";
+}
+
+// [body.load]: what mechanics alone is loaded by. Cavities that a mesh file has are those that are named.
+void read_load(SettingsReader& load, std::vector<int>& chambers, TissuePlan& plan) {
+  std::vector<std::string> known(chamber_names.begin(), chamber_names.end());
+  for (const Artery& artery : arteries) known.emplace_back(artery.name);
+  for (const std::string& key : load.keys()) {
+    if (!load.is_table(key)) continue;
+    const auto at = std::find(known.begin(), known.end(), key);
+    if (at == known.end()) {
+      try {
+        refuse_unknown("cavity", key, known);
+      } catch (const InputError& error) {
+        throw InputError(fmt::format("{}: {}", load.place(key), error.what()));
+      }
+    }
+    const auto index = static_cast<int>(at - known.begin());
+    SettingsReader& table = load.table(key);
+    if (index >= n_chambers) {
+      plan.arterial_pressure_mmHg[index - n_chambers] = table.number(keys::pressure);
+      continue;
+    }
+    if (std::find(chambers.begin(), chambers.end(), index) == chambers.end()) {
+      if (plan.mesh_file.empty())
+        throw InputError(fmt::format("{}: shape \"{}\" has no such cavity", load.place(key), plan.shape));
+      chambers.push_back(index);
+    }
+    CavityLoad& of = plan.loads[index];
+    if (table.has("volume_mL") && table.has("pressure_mmHg"))
+      throw InputError(
+          fmt::format("{}: give the volume or pressure_mmHg, not both", table.place("volume_mL")));
+    if (table.has("volume_mL")) of.volume_mL = table.number(keys::volume);
+    else of.pressure_mmHg = table.number(keys::pressure);
+  }
+  plan.active_tension_kPa = load.number(keys::tension);
+}
+
+}  // namespace
+
+void read_mechanics(SettingsReader& table, Physics physics, std::vector<int>& chambers, TissuePlan& plan) {
+  const std::string& shape = plan.shape;
+  SettingsReader& mechanics = table.table("mechanics");
+  MechanicsSettings& s = plan.mechanics;
+  s.order = static_cast<int>(mechanics.integer(keys::order));
+  s.mean_dilatation = mechanics.flag("mean_dilatation", s.order == 2);
+  s.density = mechanics.number(keys::density);
+  s.viscosity_Pa_s = mechanics.number(scene_keys::viscosity);
+  s.n_f = mechanics.number(scene_keys::n_f);
+  s.n_s = mechanics.number(keys::n_s);
+  s.n_n = mechanics.number(scene_keys::n_n);
+  s.normalised_tension = mechanics.flag("normalised_tension", true);
+  if (physics == Physics::heart) {
+    const std::vector<std::string> solvers = {"gmres-ilu", "gmres-gamg", "direct"};
+    const std::string solver = mechanics.choice("solver", "gmres-ilu", solvers, "linear solver");
+    plan.solver = solver == "direct"       ? SolverKind::direct
+                   : solver == "gmres-gamg" ? SolverKind::gmres_gamg
+                                            : SolverKind::gmres_ilu;
+    plan.residual_tolerance = mechanics.number(keys::newton);
+    plan.linear_tolerance = mechanics.number(keys::linear);
+    plan.tangent_every = static_cast<int>(mechanics.integer(keys::lag));
+  }
+
+  SettingsReader& materials = table.table("materials");
+  std::vector<int> tags = named_tags(materials, mesh_tags::volumes, "volume tag");
+  plan.named_tags = tags;
+  // A mesh file may hold any of them; which it holds is seen when it is read.
+  for (int tag : shape.empty() ? volumes_of("heart") : volumes_of(shape))
+    if (std::find(tags.begin(), tags.end(), tag) == tags.end()) tags.push_back(tag);
+  for (int tag : tags)
+    s.materials.push_back(
+        read_material(materials.table(std::string(name_of_tag(mesh_tags::volumes, tag))), tag));
+
+  SettingsReader& supports = table.table("supports");
+  std::vector<int> held = named_tags(supports, mesh_tags::surfaces, "surface tag");
+  plan.named_tags.insert(plan.named_tags.end(), held.begin(), held.end());
+  const std::vector<int> usual =
+      shape == "heart" ? std::vector<int>{mesh_tags::epicardium, mesh_tags::epicardium_fat, mesh_tags::rings}
+                       : std::vector<int>{mesh_tags::epicardium, mesh_tags::epicardium_fat};
+  for (int tag : usual)
+    if (std::find(held.begin(), held.end(), tag) == held.end()) held.push_back(tag);
+  for (int tag : held)
+    s.supports.push_back(
+        read_support(supports.table(std::string(name_of_tag(mesh_tags::surfaces, tag))), tag));
+
+  if (physics == Physics::mechanics) read_load(table.table("load"), chambers, plan);
+
+  SettingsReader& reference = table.table("reference");
+  plan.recover_reference = reference.flag("recover", true);
+  for (int chamber : chambers)
+    plan.image_pressure_mmHg[chamber] = reference.number(keys::image_pressures[chamber]);
+  if (shape == "heart" || !plan.mesh_file.empty())
+    for (std::size_t k = 0; k < arteries.size(); ++k)
+      plan.artery_image_pressure_mmHg[k] = reference.number(keys::artery_image_pressures[k]);
+}
+
+}  // namespace wiggers
