@@ -267,6 +267,33 @@ void apply(SettingsTable& table, const std::vector<std::string>& overrides) {
   }
 }
 
+SettingsTable* table_in(const SettingsTable& table, const std::string& name) {
+  const auto it = table.entries.find(name);
+  if (it == table.entries.end()) return nullptr;
+  const auto* found = std::get_if<std::shared_ptr<SettingsTable>>(&it->second.data);
+  return found ? found->get() : nullptr;
+}
+
+// What the changes say in other words than the base is taken out of the base: a wall of several cavities takes
+// the place of the walls for each of them, and the other way round; a number of beats that of another end.
+void make_room(SettingsTable& base, const SettingsTable& changes) {
+  if (const SettingsTable* run = table_in(changes, "run");
+      run && run->entries.contains("beats") && !run->entries.contains("until"))
+    if (SettingsTable* below = table_in(base, "run")) below->entries.erase("until");
+  SettingsTable* there = table_in(base, "walls");
+  const SettingsTable* named = table_in(changes, "walls");
+  if (!there || !named) return;
+  const std::vector<std::pair<std::string, std::vector<std::string>>> joined = {
+      {"ventricles", {"LV", "RV"}}, {"heart", {"LA", "LV", "RA", "RV", "ventricles"}}};
+  for (const auto& [whole, parts] : joined) {
+    const bool whole_named = named->entries.contains(whole);
+    for (const std::string& part : parts) {
+      if (whole_named && !named->entries.contains(part)) there->entries.erase(part);
+      if (!whole_named && named->entries.contains(part)) there->entries.erase(whole);
+    }
+  }
+}
+
 std::shared_ptr<SettingsTable> with_base(std::shared_ptr<SettingsTable> table,
                                          const std::filesystem::path& file, int depth) {
   const auto it = table->entries.find("base");
@@ -279,6 +306,7 @@ std::shared_ptr<SettingsTable> with_base(std::shared_ptr<SettingsTable> table,
   auto base = with_base(parse_settings_file(base_file), base_file, depth + 1);
   SettingsTable changes = *table;
   changes.entries.erase("base");
+  make_room(*base, changes);
   merge(*base, changes);
   return base;
 }

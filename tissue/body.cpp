@@ -56,10 +56,11 @@ std::shared_ptr<const TetMesh> make_mesh(const TissuePlan& plan, const std::vect
       *mesh = make_biventricular(plan.size_mm, shape_of(BiventricularShape{}));
     else
       *mesh = make_heart(plan.size_mm, shape_of(HeartShape{}));
-    for (const std::string& note : notes) fmt::print("note: {}: {}\n", plan.mesh_file, note);
     std::vector<int> closed;
     for (int chamber : chambers) closed.push_back(endocardium_of(chamber));
-    require_sound(*mesh, closed, plan.mesh_file.empty() ? place : plan.mesh_file);
+    const std::string& name = plan.mesh_file.empty() ? place : plan.mesh_file;
+    for (const std::string& warning : require_sound(*mesh, closed, name)) notes.push_back(warning);
+    for (const std::string& note : notes) fmt::print("note: {}: {}\n", name, note);
   });
   broadcast_mesh(*mesh, communicator);
   return mesh;
@@ -126,7 +127,14 @@ MechanicsSettings mechanics_of(const TissuePlan& plan, const std::vector<int>& c
   for (int chamber : chambers) s.surfaces.push_back({endocardium_of(chamber), {}});
   for (int artery : arteries_of(mesh)) s.surfaces.push_back({arteries[artery].tag, {}});
   // A mesh from a file holds some of the tags that could be there; what the scene names must be there.
-  std::erase_if(s.materials, [&](const Material& m) { return !contains(mesh.cell_tags, m.tag); });
+  std::erase_if(s.materials, [&](const Material& m) {
+    if (contains(mesh.cell_tags, m.tag)) return false;
+    if (contains(plan.named_tags, m.tag))
+      throw InputError(fmt::format(
+          "materials.{}: the mesh has no cell with volume tag {}. Leave the table out, or correct the tag",
+          mesh_tags::name_of_tag(mesh_tags::volumes, m.tag), m.tag));
+    return true;
+  });
   if (!plan.mesh_file.empty())
     std::erase_if(s.supports, [&](const Support& m) {
       return !contains(mesh.facet_tags, m.tag) && !contains(plan.named_tags, m.tag);

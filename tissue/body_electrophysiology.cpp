@@ -209,7 +209,9 @@ struct ElectrophysiologyRun {
     while (time_s < end_s - 1e-9) {
       const double t = within_beat(time_s);
       if (t < 1e-9) monodomain->forget_activation();
-      const double step = std::min({row_s, end_s - time_s, scene.period_s - t});
+      double step = std::min({row_s, end_s - time_s, scene.period_s - t});
+      // A row's length to the last bit, wherever the sum of the rows stands: a resumed run repeats it.
+      if (row_s - step < 1e-9) step = row_s;
       monodomain->advance(t, step);
       time_s += step;
       add_row();

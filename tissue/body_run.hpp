@@ -15,7 +15,7 @@ namespace wiggers {
 BodyOutcome run_body_electrophysiology(const Scene& scene, const BodyRequest& request, MPI_Comm communicator);
 
 // Equilibria at equal shares of the load. Datasets /load (the share), /cavities/X/{pressure, volume} and
-// /body/{stretch, smallest_volume_ratio, wall_volume_ratio}.
+// /body/{stretch, myocardium_volume_ratio, smallest_volume_ratio}.
 BodyOutcome run_body_mechanics(const Scene& scene, const BodyRequest& request, MPI_Comm communicator);
 
 }  // namespace wiggers

@@ -65,7 +65,11 @@ struct Newton {
       report.worst_cell = balance.worst_cell;
       report.volumes_m3 = balance.volumes_m3;
       report.residual = balance.residual;
-      const double tolerance = settings.relative_tolerance * std::max(first, load_norm(pressures));
+      // At rest without any load the residual is round-off.
+      constexpr double round_off_N = 1e-9;
+      const double loads = load_norm(pressures);
+      if (loads == 0 && balance.residual <= round_off_N) return true;
+      const double tolerance = settings.relative_tolerance * std::max(first, loads);
       if (balance.residual <= tolerance || settled) return true;
       mechanics.assemble(pressures, true);
       solver.matrix_changed();

@@ -63,6 +63,13 @@ inline constexpr std::array<Tag, 10> surfaces = {{
     {rings, "rings", "cut ends of veins and arteries"},
 }};
 
+template <std::size_t N>
+constexpr std::string_view name_of_tag(const std::array<Tag, N>& tags, int tag) {
+  for (const Tag& known : tags)
+    if (known.tag == tag) return known.name;
+  return "?";
+}
+
 // Electrically active: the myocardium.
 constexpr bool conductive(int volume_tag) {
   return volume_tag == ventricles || volume_tag == left_atrium || volume_tag == right_atrium;

@@ -105,8 +105,10 @@ class Check {
       }
     r_.extent_mm = 1e3 * (high - low);
     const double longest = *std::max_element(r_.extent_mm.begin(), r_.extent_mm.end());
+    // A mouse's heart measures 8 mm, a whale's 1 m; what is far from both is in another unit.
+    const bool impossible = longest < 2 || longest > 700;
     if (longest < 5 || longest > 400)
-      find(Severity::warning, fmt::format("the mesh measures {:.4g} mm, no size of a heart", longest),
+      find(impossible ? Severity::error : Severity::warning, fmt::format("the mesh measures {:.4g} mm, no size of a heart", longest),
            "give the unit of the file");
   }
 
@@ -332,7 +334,7 @@ class Check {
     if (thin > 0)
       find(Severity::warning,
            fmt::format(
-               "{:.2g} % of the myocardial cells reach through the wall with one edge, the first at {}",
+               "{:.0f} % of the myocardial cells reach through the wall with one edge, the first at {}",
                100 * r_.thin_share, place_text(place)),
            "a wall needs at least two elements across; make a finer mesh");
   }
@@ -371,16 +373,18 @@ std::string report_text(const MeshReport& r) {
   return text;
 }
 
-void require_sound(const TetMesh& mesh, std::span<const int> closed_cavities, std::string_view place) {
+std::vector<std::string> require_sound(const TetMesh& mesh, std::span<const int> closed_cavities,
+                                       std::string_view place) {
   const MeshReport report = check_mesh(mesh);
-  std::vector<std::string> errors;
+  std::vector<std::string> errors, warnings;
   for (const int tag : closed_cavities)
     if (std::none_of(report.surfaces.begin(), report.surfaces.end(),
                      [&](const MeshSurface& s) { return s.tag == tag; }))
       errors.push_back(fmt::format("no triangle has the surface tag {}", surface_name(tag)));
   for (const MeshFinding& f : report.findings)
-    if (f.severity == Severity::error) errors.push_back(fmt::format("{}. Remedy: {}", f.text, f.remedy));
-  if (errors.empty()) return;
+    (f.severity == Severity::error ? errors : warnings)
+        .push_back(fmt::format("{}. Remedy: {}", f.text, f.remedy));
+  if (errors.empty()) return warnings;
   constexpr std::size_t shown = 3;
   std::string text = fmt::format("{}: the mesh cannot be used", place);
   for (std::size_t k = 0; k < std::min(shown, errors.size()); ++k) text += "\n  " + errors[k];

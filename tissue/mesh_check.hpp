@@ -60,7 +60,8 @@ MeshReport check_mesh(const TetMesh& mesh);
 std::string report_text(const MeshReport& report);
 
 // Throws InputError with the first errors unless the mesh has none and has each of the closed cavities
-// (mesh_tags::endocardium_LV ...). `place` names the file or the scene's key.
-void require_sound(const TetMesh& mesh, std::span<const int> closed_cavities, std::string_view place);
+// (mesh_tags::endocardium_LV ...). `place` names the file or the scene's key. Returns the warnings.
+std::vector<std::string> require_sound(const TetMesh& mesh, std::span<const int> closed_cavities,
+                                       std::string_view place);
 
 }  // namespace wiggers

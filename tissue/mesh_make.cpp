@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/units.hpp>
 
 #include "mesh_geometry.hpp"
 #include "mesh_gmsh.hpp"
@@ -186,6 +188,41 @@ TetMesh make_sphere_octant(double inner_radius_mm, double outer_radius_mm, doubl
     return norm(side.centre) < middle ? mesh_tags::endocardium_LV : mesh_tags::epicardium;
   });
   return mesh;
+}
+
+TetMesh make_sphere(double inner_radius_mm, double outer_radius_mm, double size_mm) {
+  const TetMesh octant = make_sphere_octant(inner_radius_mm, outer_radius_mm, size_mm);
+  constexpr double on_plane_m = units::m_per_mm * on_plane_mm;
+  TetMesh sphere;
+  std::map<Point3, int> points;
+  for (int image = 0; image < 8; ++image) {
+    std::vector<int> index;
+    for (Point3 p : octant.points) {
+      for (int axis = 0; axis < 3; ++axis)
+        p[axis] = std::abs(p[axis]) < on_plane_m ? 0.0 : image >> axis & 1 ? -p[axis] : p[axis];
+      const auto [at, is_new] = points.emplace(p, static_cast<int>(sphere.points.size()));
+      if (is_new) sphere.points.push_back(p);
+      index.push_back(at->second);
+    }
+    // An odd number of mirrors turns the elements over.
+    const bool turned = ((image & 1) + (image >> 1 & 1) + (image >> 2 & 1)) % 2 == 1;
+    for (std::size_t c = 0; c < octant.cells.size(); ++c) {
+      auto cell = octant.cells[c];
+      for (int& v : cell) v = index[v];
+      if (turned) std::swap(cell[2], cell[3]);
+      sphere.cells.push_back(cell);
+      sphere.cell_tags.push_back(octant.cell_tags[c]);
+    }
+    for (std::size_t f = 0; f < octant.facets.size(); ++f) {
+      if (octant.facet_tags[f] > 40) continue;  // planes of symmetry
+      auto facet = octant.facets[f];
+      for (int& v : facet) v = index[v];
+      if (turned) std::swap(facet[1], facet[2]);
+      sphere.facets.push_back(facet);
+      sphere.facet_tags.push_back(octant.facet_tags[f]);
+    }
+  }
+  return sphere;
 }
 
 TetMesh make_benchmark_ellipsoid(double size_mm, double apex_size_mm, bool quarter) {

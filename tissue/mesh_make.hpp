@@ -52,6 +52,8 @@ TetMesh make_heart(double size_mm, const HeartShape& shape = defaults_of(heart_q
 
 // An eighth of a thick sphere, x, y, z >= 0. Surfaces: 24 inner, 31 outer, 41, 42, 43 the planes x, y, z = 0.
 TetMesh make_sphere_octant(double inner_radius_mm, double outer_radius_mm, double size_mm);
+// The whole sphere, eight mirror images of the octant. Surfaces: 24 inner, 31 outer.
+TetMesh make_sphere(double inner_radius_mm, double outer_radius_mm, double size_mm);
 
 // The truncated ellipsoid of Land et al. 2015 (radii 7 and 17 mm inside, 10 and 20 mm outside, base z = 5
 // mm). Finer at both apices (edge apex_size_mm) and at the rims of the clamped base (half of size_mm).

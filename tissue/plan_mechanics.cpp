@@ -103,12 +103,6 @@ std::vector<int> named_tags(SettingsReader& table, const std::array<mesh_tags::T
   return named;
 }
 
-template <std::size_t N>
-std::string_view name_of_tag(const std::array<mesh_tags::Tag, N>& tags, int tag) {
-  for (const auto& known : tags)
-    if (known.tag == tag) return known.name;
-  return "?";
-}
 
 // [body.load]: what mechanics alone is loaded by. Cavities that a mesh file has are those that are named.
 void read_load(SettingsReader& load, std::vector<int>& chambers, TissuePlan& plan) {
@@ -178,7 +172,7 @@ void read_mechanics(SettingsReader& table, Physics physics, std::vector<int>& ch
     if (std::find(tags.begin(), tags.end(), tag) == tags.end()) tags.push_back(tag);
   for (int tag : tags)
     s.materials.push_back(
-        read_material(materials.table(std::string(name_of_tag(mesh_tags::volumes, tag))), tag));
+        read_material(materials.table(std::string(mesh_tags::name_of_tag(mesh_tags::volumes, tag))), tag));
 
   SettingsReader& supports = table.table("supports");
   std::vector<int> held = named_tags(supports, mesh_tags::surfaces, "surface tag");
@@ -190,7 +184,7 @@ void read_mechanics(SettingsReader& table, Physics physics, std::vector<int>& ch
     if (std::find(held.begin(), held.end(), tag) == held.end()) held.push_back(tag);
   for (int tag : held)
     s.supports.push_back(
-        read_support(supports.table(std::string(name_of_tag(mesh_tags::surfaces, tag))), tag));
+        read_support(supports.table(std::string(mesh_tags::name_of_tag(mesh_tags::surfaces, tag))), tag));
 
   if (physics == Physics::mechanics) read_load(table.table("load"), chambers, plan);
 

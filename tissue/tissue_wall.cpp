@@ -23,7 +23,8 @@ constexpr int most_halvings = 7;
 
 struct Cost {
   double electrophysiology_s = 0, activation_s = 0, assembly_s = 0, solve_s = 0, feedback_s = 0, other_s = 0;
-  long steps = 0, tangents = 0, residuals = 0, solves = 0, solver_iterations = 0, halvings = 0, rejected = 0;
+  long steps = 0, tangents = 0, residuals = 0, solves = 0, solver_iterations = 0, halvings = 0, rejected = 0,
+       rescues = 0;
 };
 
 }  // namespace
@@ -49,7 +50,8 @@ struct TissueWall::Implementation {
   std::unique_ptr<Monodomain> monodomain;
   std::unique_ptr<Activation> activation;
   std::unique_ptr<Mechanics> mechanics;
-  std::unique_ptr<LinearSolver> solver;
+  std::unique_ptr<LinearSolver> solver, direct;  // the latter where the former fails
+  bool rescued = false;  // the present matrix is the direct solver's
   std::vector<int> ep_node;         // node of the monodomain at each local vertex of the myocardium
   std::vector<int> region_of_node;  // region of the calcium's rescaling
   std::vector<double> cell_volume;  // of local conductive cells
@@ -101,6 +103,8 @@ struct TissueWall::Implementation {
                                               plan.stimuli, image.get());
     activation = std::make_unique<Activation>(*partition, &fibres, force, rate, stabilise);
     mechanics = std::make_unique<Mechanics>(*partition, &fibres, mechanics_of(plan, chambers, *image));
+    direct.reset();
+    rescued = false;
     solver = std::make_unique<LinearSolver>(mechanics->matrix(), plan.solver);
     const NodeSpace& vertices = activation->nodes();
     ep_node.assign(vertices.n_local, -1);
@@ -179,10 +183,22 @@ struct TissueWall::Implementation {
 
   void solve(const std::vector<double>& right, std::vector<double>& x) {
     const auto begin = Clock::now();
-    const SolveReport report = solver->solve(right.data(), x.data(), plan.linear_tolerance, 1e-12, 1000);
+    // Where incomplete factors fail, complete ones take over for that matrix: dear, but rare.
+    constexpr int enough_iterations = 400;
+    const std::vector<double> guess = x;
+    SolveReport report;
+    if (!rescued) report = solver->solve(right.data(), x.data(), plan.linear_tolerance, 1e-12, enough_iterations);
+    cost.solver_iterations += report.iterations;
+    if (!report.converged && plan.solver != SolverKind::direct) {
+      x = guess;
+      if (!direct) direct = std::make_unique<LinearSolver>(mechanics->matrix(), SolverKind::direct);
+      if (!rescued) direct->matrix_changed();
+      rescued = true;
+      report = direct->solve(right.data(), x.data(), plan.linear_tolerance, 1e-12, 1);
+      ++cost.rescues;
+    }
     cost.solve_s += seconds_since(begin);
     ++cost.solves;
-    cost.solver_iterations += report.iterations;
     if (!report.converged)
       throw NumericalFailure(fmt::format(
           "walls.{}: the linear solver of mechanics failed, {}; smallest J {:.3g} in {}", name, report.reason,
@@ -278,6 +294,15 @@ void TissueWall::start(const double&, const double* volumes, double* pressures) 
   Progress progress(fmt::format("walls.{}: initial displacement", me.name), me.progress_style());
   me.mechanics->set_tension({});
   std::vector<double> p = me.loaded(std::vector<double>(me.n_cavities(), 0.0));
+  if (!me.arteries_here.empty())
+    find_equilibrium(
+        *me.mechanics,
+        [&](double share) {
+          std::vector<double> ramped = p;
+          for (double& value : ramped) value *= share;
+          return ramped;
+        },
+        static_settings(me.mechanics->nodes()));
   me.bring_to_volumes(volumes, p);
   me.pressures = p;
   for (std::size_t k = 0; k < me.n_cavities(); ++k) pressures[k] = p[k] / units::Pa_per_mmHg;
@@ -358,6 +383,7 @@ void TissueWall::linearise(const double* pressures, double* volumes, double* dV_
   me.last_residual = me.balance.residual;
   if (fresh) {
     me.solver->matrix_changed();
+    me.rescued = false;
     me.have_tangent = true;
     me.tangent_age = 0;
   }
@@ -631,6 +657,8 @@ void TissueWall::report(std::map<std::string, WallFigure>& figures) const {
   put("solves", static_cast<double>(me.cost.solves), "1", "linear systems of mechanics");
   put("solver_iterations", static_cast<double>(me.cost.solver_iterations), "1",
       "of the linear solver of mechanics");
+  put("direct_solves", static_cast<double>(me.cost.rescues), "1",
+      "linear systems that the iterative solver did not solve");
   put("rejected_steps", static_cast<double>(me.cost.rejected), "1", "steps repeated in halves");
   put("halved_updates", static_cast<double>(me.cost.halvings), "1", "Newton updates cut back for J > 0");
   if (me.recovery.fixed_point_iterations > 0)

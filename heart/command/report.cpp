@@ -52,13 +52,13 @@ void add_report(CLI::App& app) {
   };
   auto o = std::make_shared<Options>();
   CLI::App* verb =
-      app.add_subcommand("report", "Wiggers diagram, PV loops and index table of a result, one HTML file");
+      app.add_subcommand("report", "Wiggers diagram, PV loops and index table of a result, or the pictures of a body of tissue, one HTML file");
   verb->add_option("result", o->result, "result file of wiggers run (HDF5)")->required();
   verb->add_option("-o,--output", o->folder, "folder for the pictures and index.html [RESULT-report]");
   verb->callback([o] {
     {
       const ResultReader file(o->result);
-      if (!file.has("/time"))
+      if (!file.has("/time") && !file.has("/load"))
         throw InputError(fmt::format("'{}' holds no beat yet: resume the run first", o->result));
     }
     if (o->folder.empty()) o->folder = fs::path(o->result).replace_extension("").string() + "-report";

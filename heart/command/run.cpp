@@ -52,8 +52,7 @@ void run_monolithic(const Scene& scene, const Options& o) {
 
 // A body of 3D tissue alone.
 void run_body(const Scene& scene, const Options& o) {
-  if (!o.accuracy.empty())
-    throw InputError("--accuracy is of scenes with a circulation: set the keys of [body] by --set");
+  if (o.monolithic) throw InputError("--monolithic is of scenes with a circulation");
   BodyRequest request;
   if (!o.output.empty()) request.result = o.output;
   if (!o.resume.empty()) request.resume = o.resume;
@@ -97,13 +96,13 @@ void add_run(CLI::App& app) {
       fmt::print("accuracy {}: {}\n", chosen.name, chosen.expected);
     }
     overrides.insert(overrides.end(), o->set.begin(), o->set.end());
-    if (o->monolithic) {
-      run_monolithic(read_scene(o->scene, overrides), *o);
-      return;
-    }
     Scene scene = read_scene(o->scene, overrides);
     if (scene.physics != Physics::heart) {
       run_body(scene, *o);
+      return;
+    }
+    if (o->monolithic) {
+      run_monolithic(scene, *o);
       return;
     }
     HeartRun run(std::move(scene));

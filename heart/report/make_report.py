@@ -1,4 +1,4 @@
-"""Makes the report of one result file: pictures (PNG and SVG) and one self-contained HTML file.
+"""Makes the report of one result file: pictures (PNG, of a heart SVG too) and one self-contained HTML file.
 
 Usage: make_report.py RESULT.h5 FOLDER
 """
@@ -10,6 +10,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 
+from body import is_body, report_body  # noqa: E402
 from figures import pv_loops, wiggers_diagram  # noqa: E402
 from page import write_page  # noqa: E402
 from result import Result  # noqa: E402
@@ -18,9 +19,21 @@ from tissue_page import tissue_section  # noqa: E402
 
 
 def main(result_path, folder):
-    result = Result(result_path)
     folder = Path(folder)
+    if is_body(result_path):
+        folder.mkdir(parents=True, exist_ok=True)
+        page, pictures, trouble = report_body(result_path, folder)
+        if trouble:
+            print(trouble)
+        print(f"report: {page}")
+        print(f"pictures: {', '.join(map(str, pictures))}")
+        return
+    result = Result(result_path)
     folder.mkdir(parents=True, exist_ok=True)
+    report_heart(result, folder)
+
+
+def report_heart(result, folder):
     pictures = {}
     for name, make in (("wiggers", wiggers_diagram), ("pv_loops", pv_loops)):
         figure = make(result)

@@ -16,10 +16,7 @@ pre { background: #f6f6f6; padding: 0.8rem; overflow-x: auto; font-size: 12.5px;
 def write_page(path, result, pictures, sections=()):
     """`sections`: HTML that stands before the scene."""
     s = result.summary
-    parts = [
-        "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
-        f"<title>{html.escape(result.title)}</title><style>{STYLE}</style></head><body>",
-        f"<h1>{html.escape(result.title)}</h1>",
+    write_document(path, result, [
         _verdicts(result),
         _picture(pictures["wiggers"], "Wiggers diagram of the last beat. Shading: phases of the left heart. The ECG is a "
                  "surrogate drawn from the activation of the chambers: its shape has no torso behind it."),
@@ -31,11 +28,21 @@ def write_page(path, result, pictures, sections=()):
         "<h2>Valves</h2>",
         _valves(s["indexes"]["valves"]),
         *sections,
+    ])
+
+
+def write_document(path, result, parts):
+    """`parts`: HTML between the title and the scene."""
+    lines = [
+        "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
+        f"<title>{html.escape(result.title)}</title><style>{STYLE}</style></head><body>",
+        f"<h1>{html.escape(result.title)}</h1>",
+        *parts,
         "<h2>The scene</h2>",
         f"<pre>{html.escape(result.scene)}</pre>",
         f"<p><small>{html.escape(result.version)}</small></p></body></html>",
     ]
-    path.write_text("\n".join(parts), encoding="utf-8")
+    path.write_text("\n".join(lines), encoding="utf-8")
 
 
 def _picture(path, caption):
@@ -64,12 +71,20 @@ def _verdicts(result):
     flips = s["flips"]
     rows.append((flips["p_LV_mmHg"] < 0.1 and flips["Q_AV_mL_per_s"] < 1,
                  f"largest step-to-step flip: p_LV {flips['p_LV_mmHg']:.3g} mmHg, Q_AV {flips['Q_AV_mL_per_s']:.3g} mL/s"))
-    items = "".join(f"<li><span class='{'good' if good else 'flag'}'>{'good' if good else 'look'}</span> {text}</li>"
-                    for good, text in rows)
-    warnings = "".join(f"<li class='flag'>{html.escape(w)}</li>" for w in s.get("warnings", []))
+    return verdict_list(result, rows)
+
+
+def verdict_list(result, rows):
+    """`rows`: (good or not, None where it cannot be judged; HTML). Warnings of the run follow."""
+    items = "".join(f"<li>{mark(good)}{text}</li>" for good, text in rows)
+    warnings = "".join(f"<li class='flag'>{html.escape(w)}</li>" for w in result.summary.get("warnings", []))
     if result.status != "complete":
         warnings = "<li class='flag'>this run is not complete</li>" + warnings
     return f"<ul class='verdict'>{items}{warnings}</ul>"
+
+
+def mark(good):
+    return "" if good is None else f"<span class='{'good' if good else 'flag'}'>{'good' if good else 'look'}</span> "
 
 
 def table(headings, rows):

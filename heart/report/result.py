@@ -12,6 +12,8 @@ VALVES = ("MV", "AV", "TV", "PV")
 
 
 class Result:
+    span = "the beat in the result"  # that its fields should cover
+
     def __init__(self, path):
         self.path = Path(path)
         with h5py.File(path, "r") as file:
@@ -35,21 +37,10 @@ class Result:
             }
             solver = file.get("solver", {})
             self.solver = {name: float(data[()]) for name, data in solver.items() if name != "walls" and data.shape == ()}
-            # What walls of 3D tissue cost: {wall: {figure: value, unit and meaning}}.
-            self.walls = {
-                wall: {
-                    name: {"value": float(data[()]), "unit": _text(data.attrs["unit"]), "meaning": _text(data.attrs["meaning"])}
-                    for name, data in group.items()
-                }
-                for wall, group in solver.get("walls", {}).items()
-            }
+            self.walls = wall_figures(file)
             # Complete beats so far; the result holds the last of them.
             self.beats = int(file["checkpoint/run"][0]) if "checkpoint/run" in file else 1
-            provenance = file["provenance"]
-            self.scene = _text(provenance["scene"][()])
-            self.title = _text(provenance["title"][()])
-            self.version = _text(provenance["version"][()])
-            self.status = _text(provenance["status"][()])
+            self.scene, self.title, self.version, self.status = provenance(file)
             self.body_surface_area = _body_surface_area(self.scene)
         self.period = float(self.time[-1])
 
@@ -129,6 +120,22 @@ class Result:
             difference = np.append(difference[n : 2 * n], difference[n])
             total += weight[chamber] * difference
         return total if found else None
+
+
+def wall_figures(file):
+    """What walls of 3D tissue cost: {wall: {figure: value, unit and meaning}}."""
+    return {
+        wall: {
+            name: {"value": float(data[()]), "unit": _text(data.attrs["unit"]), "meaning": _text(data.attrs["meaning"])}
+            for name, data in group.items()
+        }
+        for wall, group in file.get("solver", {}).get("walls", {}).items()
+    }
+
+
+def provenance(file):
+    """Scene, title, version of the program and status of the run, as texts."""
+    return [_text(file[f"provenance/{name}"][()]) for name in ("scene", "title", "version", "status")]
 
 
 def _text(value):

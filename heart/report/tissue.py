@@ -1,5 +1,7 @@
 """What a run with 3D tissue adds to the report: activation map, deformed views, cost per part, convergence, leads.
 
+Also the parts that the report of a body alone shares (body.py).
+
 Fields come from the folder that the run wrote beside its result, RESULT.WALL.fields; without it the report says so
 and shows the rest.
 """
@@ -36,15 +38,17 @@ PARTS = (  # figure of the wall, name in the report, colour
 )
 
 
-class TissueWall:
-    """One wall of 3D tissue: figures and traces from the result, fields from the folder beside it."""
+class Tissue:
+    """One body of 3D tissue: figures from the result, fields from the folder beside it.
+
+    Kinds of it say which views need the fields, what in the scene turns them off, and which frames are of the result.
+    """
+
+    views = "neither an activation map nor a view of the deformation"
 
     def __init__(self, result, name):
         self.result, self.name = result, name
         self.figures = result.walls.get(name, {})
-        self.traces = result.cells.get(name, {})
-        # The chamber whose volume and pressure tell the moments of the beat.
-        self.chamber = name if name in CHAMBERS else "LV"
         base = result.path.name.removesuffix(".h5")
         self.folder = result.path.with_name(f"{base}.{name}.fields")
         self.frames, self.trouble = [], None
@@ -53,23 +57,45 @@ class TissueWall:
         except BrokenFields as error:
             self.trouble = f"The fields in {self.folder.name} cannot be read ({error}); "
         if self.trouble:
-            self.trouble += "so there is neither an activation map nor a view of the deformation."
+            self.trouble += f"so there is {self.views}."
 
     def _find_frames(self):
         if not self.folder.is_dir():
             self.trouble = f"There is no folder {self.folder.name} beside the result file"
-            if self.result.tissue_settings(self.name).get("fields_every_ms") == 0:
-                self.trouble += " (the scene has fields_every_ms = 0)"
+            if off := self.fields_off():
+                self.trouble += f" (the scene has {off})"
             self.trouble += ", "
             return
+        self.frames = self.frames_of_result(read_index(self.folder))
+        if not self.frames:
+            self.trouble = f"The index in {self.folder.name} lists no frame of {self.result.span}, "
+
+    def fields_off(self):
+        """The setting of the scene by which the run wrote no fields, if it has it."""
+        return "fields_every_ms = 0" if self.result.tissue_settings(self.name).get("fields_every_ms") == 0 else None
+
+    def frame_at(self, time_s):
+        """(time in s, frame) of the frame nearest to that time."""
+        t, path = min(self.frames, key=lambda frame: abs(frame[0] - time_s))
+        return t, Frame(path)
+
+
+class TissueWall(Tissue):
+    """One wall of 3D tissue of a heart, with its traces over the beat."""
+
+    def __init__(self, result, name):
+        super().__init__(result, name)
+        self.traces = result.cells.get(name, {})
+        # The chamber whose volume and pressure tell the moments of the beat.
+        self.chamber = name if name in CHAMBERS else "LV"
+
+    def frames_of_result(self, frames):
         # Frames carry the time since the start of the run; the result holds its last complete beat.
         period = self.result.period
         start = (self.result.beats - 1) * period
         slack = 1e-6 * period
-        times = [(t - start, path) for t, path in read_index(self.folder)]
-        self.frames = [(t, path) for t, path in times if -slack <= t <= period + slack]
-        if not self.frames:
-            self.trouble = f"The index in {self.folder.name} lists no frame of the beat in the result, "
+        times = [(t - start, path) for t, path in frames]
+        return [(t, path) for t, path in times if -slack <= t <= period + slack]
 
     def moments(self):
         """(name, time in s) of the moments that are drawn."""
@@ -80,11 +106,6 @@ class TissueWall:
         # When the inlet valve closes; without phases when the chamber is largest.
         filled = phases["IVC"][0] if "IVC" in phases else time[np.argmax(volume)]
         return (("end of diastole", filled), ("highest pressure", time[np.argmax(pressure)]), ("end of the beat", time[-1]))
-
-    def frame_at(self, time_s):
-        """(time in s, frame) of the frame nearest to that time."""
-        t, path = min(self.frames, key=lambda frame: abs(frame[0] - time_s))
-        return t, Frame(path)
 
     def seconds_per_beat(self):
         """Wall time of each part for one beat, in the order of PARTS; parts that the file does not have are left out."""
@@ -110,10 +131,10 @@ def tissue_walls(result):
 
 
 class Body:
-    """The mesh of a frame, deformed, in the order of the file."""
+    """The mesh of a frame, deformed or as it was, in the order of the file."""
 
-    def __init__(self, frame):
-        self.points = frame.points + frame.field("displacement_m")
+    def __init__(self, frame, deformed=True):
+        self.points = frame.points + (frame.field("displacement_m") if deformed else 0.0)
         self.cells = frame.cells
         self.myocardium = np.isin(frame.tag, MYOCARDIUM)
         self.frame = frame
@@ -169,7 +190,11 @@ def activation_map(wall):
     _, last = wall.frame_at(wall.result.period)
     _, filled = wall.frame_at(wall.moments()[0][1])
     body = Body(filled)
-    activation = last.field("activation_s")
+    return activation_views(body, last.field("activation_s"), f"{wall.result.title}: activation of {wall.name}")
+
+
+def activation_views(body, activation, title):
+    """Activation (s, negative where there was none) on a body from two sides and cut open; the title gets its span."""
     if len(activation) != len(body.points):
         raise BrokenFields("the frames are of different meshes")
     body.points = body.points - body.middle()  # so that all cameras look at the middle
@@ -201,7 +226,7 @@ def activation_map(wall):
         if not reached.all():
             figure.text(0.99, 0.65 / inches, f"grey: not activated\n({_percent((~reached).mean())} of the points)", ha="right", va="center", fontsize=8)
         span = f", {own[reached].min():.0f} to {own[reached].max():.0f} ms" if reached.any() else ": nothing was activated"
-        figure.suptitle(f"{wall.result.title}: activation of {wall.name}{span}", y=1 - 0.1 / inches, va="top", fontsize=12, fontweight="bold")
+        figure.suptitle(f"{title}{span}", y=1 - 0.1 / inches, va="top", fontsize=12, fontweight="bold")
         return figure
 
 
@@ -211,21 +236,45 @@ def _percent(share):
 
 def deformed_views(wall):
     """The body at three moments from outside and cut open, all with one camera, scale and colours."""
-    bodies = []
+    result = wall.result
+    columns = []
     for name, time_s in wall.moments():
         t, frame = wall.frame_at(time_s)
-        bodies.append((name, t, Body(frame)))
-    origin = bodies[0][2].middle()
-    rows = (
-        ("fibre_stretch", 1.0, "fibre stretch [1]", False, "from outside"),
-        ("fibre_stretch", 1.0, "fibre stretch [1]", True, "cut open"),
-        ("active_tension_Pa", 1e-3, "active tension [kPa]", True, "cut open"),
-    )
+        volume = np.interp(t, result.time, result.volume[wall.chamber])
+        pressure = np.interp(t, result.time, result.pressure[wall.chamber])
+        columns.append((f"{name}, {1e3 * t:.0f} ms\n{volume:.0f} mL, {pressure:.0f} mmHg", Body(frame)))
+    tension = ("active_tension_Pa", 1e-3, "active tension [kPa]", True, tension_colours)
+    return field_views(columns, (*STRETCH_ROWS, tension), f"{result.title}: deformation of {wall.name}")
+
+
+def stretch_colours(values):
+    """Centred at the unstretched fibre; few extreme points do not wash out the rest."""
+    reach = max(0.02, np.percentile(np.abs(values - 1), 99))
+    return Normalize(1 - reach, 1 + reach), plt.get_cmap("RdBu_r")
+
+
+def tension_colours(values):
+    return Normalize(0, max(1e-3, np.percentile(values, 99))), plt.get_cmap("YlOrRd")
+
+
+STRETCH_ROWS = (  # field, factor, label, cut open or from outside, colours
+    ("fibre_stretch", 1.0, "fibre stretch [1]", False, stretch_colours),
+    ("fibre_stretch", 1.0, "fibre stretch [1]", True, stretch_colours),
+)
+
+
+def field_views(columns, rows, title):
+    """A table of views with one camera and one scale.
+
+    `columns`: (heading, body). `rows`: (field, factor, label, cut open or from outside, colours of its values in all columns).
+    """
+    bodies = [body for _, body in columns]
+    origin = bodies[0].middle()
     with plt.rc_context(STYLE):
         pictures = []
         for field, factor, _, open_, _ in rows:
             row = []
-            for _, _, body in bodies:
+            for body in bodies:
                 values = factor * body.frame.field(field)
                 row.append(body.half(values, origin) if open_ else (body.whole(values),))
             pictures.append(row)
@@ -236,38 +285,32 @@ def deformed_views(wall):
         head, gap = 0.95, 0.08
         total = head + len(rows) * (height + gap) + 0.1
         figure = plt.figure(figsize=(width, total))
-        for r, (field, factor, label, _, view) in enumerate(rows):
-            own = np.concatenate([factor * body.frame.field(field)[np.unique(body.cells[body.myocardium])] for *_, body in bodies])
-            if field == "fibre_stretch":
-                # Centred at the unstretched fibre; few extreme points do not wash out the rest.
-                reach = max(0.02, np.percentile(np.abs(own - 1), 99))
-                norm, colours = Normalize(1 - reach, 1 + reach), plt.get_cmap("RdBu_r")
-            else:
-                norm, colours = Normalize(0, max(1e-3, np.percentile(own, 99))), plt.get_cmap("YlOrRd")
+        for r, (field, factor, label, open_, colours_of) in enumerate(rows):
+            own = np.concatenate([factor * body.frame.field(field)[np.unique(body.cells[body.myocardium])] for body in bodies])
+            norm, colours = colours_of(own)
             bottom = (total - head - (r + 1) * height - r * gap) / total
-            for c, (name, t, _) in enumerate(bodies):
+            for c, (heading, _) in enumerate(columns):
                 axis = figure.add_axes((left + c * cell / width, bottom, cell / width, height / total))
                 for patches in pictures[r][c]:
                     draw(axis, patches, SECTION_CAMERA, norm, colours, LARGEST_PATCH_M)
                 _frame_axes(axis, low, high)
                 if r == 0:
-                    volume = np.interp(t, wall.result.time, wall.result.volume[wall.chamber])
-                    pressure = np.interp(t, wall.result.time, wall.result.pressure[wall.chamber])
-                    axis.set_title(f"{name}, {1e3 * t:.0f} ms\n{volume:.0f} mL, {pressure:.0f} mmHg")
+                    axis.set_title(heading)
                 if c == len(bodies) - 1 and r == len(rows) - 1:
                     _scale_bar(axis, low, high)
+            view = "cut open" if open_ else "from outside"
             figure.text(0.028, bottom + 0.5 * height / total, view, rotation=90, va="center", ha="center", fontsize=9)
             bar = figure.colorbar(ScalarMappable(norm, colours), cax=figure.add_axes((right + 0.02, bottom + 0.12 * height / total, 0.018, 0.76 * height / total)), extend="both")
             bar.set_label(label)
-        figure.suptitle(f"{wall.result.title}: deformation of {wall.name}", y=1 - 0.1 / total, va="top", fontsize=12, fontweight="bold")
+        figure.suptitle(title, y=1 - 0.1 / total, va="top", fontsize=12, fontweight="bold")
         return figure
 
 
 # ---- curves ----
 
 
-def cost_chart(wall):
-    seconds = wall.seconds_per_beat()
+def cost_chart(seconds, title, unit):
+    """`seconds`: wall time of each of PARTS; the title gets their sum."""
     whole = sum(seconds.values())
     shown = [(name, colour, seconds[key]) for key, name, colour in PARTS if key in seconds]
     with plt.rc_context(STYLE):
@@ -280,8 +323,8 @@ def cost_chart(wall):
         axis.set_yticks(rows, [name for name, *_ in shown])
         axis.tick_params(axis="y", length=0)
         axis.set_xlim(0, 1.22 * max(values.max(), 1e-9))
-        axis.set_xlabel("wall time [s per beat]")
-        figure.suptitle(f"{wall.result.title}: cost of {wall.name}, {whole:.3g} s per beat", fontsize=12, fontweight="bold")
+        axis.set_xlabel(f"wall time [{unit}]")
+        figure.suptitle(f"{title}, {whole:.3g} {unit}", fontsize=12, fontweight="bold")
         inches = 0.34 * len(shown) + 1.2
         figure.subplots_adjust(left=0.31, right=0.97, top=1 - 0.42 / inches, bottom=0.5 / inches)
         return figure
@@ -322,27 +365,27 @@ def convergence_chart(wall):
         return figure
 
 
-def lead_chart(wall):
+def lead_chart(tissue, title, unit):
     """The pseudo-ECG at each electrode; None without electrodes."""
-    leads = sorted((int(key.removeprefix("lead_")), key) for key in wall.traces if key.startswith("lead_"))
+    leads = sorted((int(key.removeprefix("lead_")), key) for key in tissue.traces if key.startswith("lead_"))
     if not leads:
         return None
-    names = list(wall.result.tissue_settings(wall.name).get("electrodes", {}))
-    t = 1e3 * wall.result.time
+    names = list(tissue.result.tissue_settings(tissue.name).get("electrodes", {}))
+    t = 1e3 * tissue.result.time
     with plt.rc_context(STYLE):
         inches = 0.95 * len(leads) + 0.95
         figure, axes = plt.subplots(len(leads), 1, sharex=True, squeeze=False, figsize=(8.2, inches))
         axes = axes[:, 0]
         for axis, (number, key) in zip(axes, leads):
             axis.axhline(0, color="0.8", lw=0.6, zorder=0)
-            axis.plot(t, wall.traces[key], color="black", lw=1.3)
+            axis.plot(t, tissue.traces[key], color="black", lw=1.3)
             axis.set_ylabel(names[number - 1] if len(names) == len(leads) else f"lead {number}", rotation=0, ha="right", va="center")
             axis.yaxis.set_label_coords(-0.075, 0.5)
             axis.locator_params(axis="y", nbins=3)
-            shade_phases(axis, wall.result)
+            shade_phases(axis, tissue.result)
         axes[-1].set_xlabel("time [ms]")
         axes[-1].set_xlim(0, t[-1])
-        figure.suptitle(f"{wall.result.title}: pseudo-ECG of {wall.name} [mV m, no absolute scale]", fontsize=12, fontweight="bold")
+        figure.suptitle(f"{title} [{unit}, no absolute scale]", fontsize=12, fontweight="bold")
         figure.subplots_adjust(left=0.16, right=0.97, top=1 - 0.4 / inches, bottom=0.5 / inches, hspace=0.2)
         return figure
 
@@ -351,20 +394,27 @@ def lead_chart(wall):
 
 
 def make_tissue_pictures(wall, folder):
-    """Saves what can be drawn. Returns the pictures by kind; what the fields do not allow goes to `wall.trouble`."""
-    makers = {"cost": cost_chart if wall.seconds_per_beat() else None, "convergence": convergence_chart, "leads": lead_chart}
+    title = wall.result.title
+    makers = {"convergence": convergence_chart, "leads": lambda _: lead_chart(wall, f"{title}: pseudo-ECG of {wall.name}", "mV m")}
+    if seconds := wall.seconds_per_beat():
+        makers = {"cost": lambda _: cost_chart(seconds, f"{title}: cost of {wall.name}", "s per beat")} | makers
     if wall.frames:
         makers |= {"activation": activation_map, "deformation": deformed_views}
+    return make_pictures(wall, makers, folder)
+
+
+def make_pictures(tissue, makers, folder):
+    """Saves what can be drawn. Returns the pictures by kind; what the fields do not allow goes to `tissue.trouble`."""
     pictures = {}
     for kind, make in makers.items():
         try:
-            figure = make(wall) if make else None
+            figure = make(tissue)
         except BrokenFields as error:
-            wall.trouble = f"The fields in {wall.folder.name} cannot be read ({error}); views that need them are left out."
+            tissue.trouble = f"The fields in {tissue.folder.name} cannot be read ({error}); views that need them are left out."
             continue
         if figure is None:
             continue
-        path = folder / f"{wall.name}_{kind}.png"
+        path = folder / f"{tissue.name}_{kind}.png"
         _save(figure, path)
         plt.close(figure)
         pictures[kind] = path

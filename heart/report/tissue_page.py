@@ -3,7 +3,7 @@
 import base64
 import html
 
-from page import table
+from page import mark, table
 from tissue import PARTS
 
 # Elements that lose more of their volume than this deserve a look: tissue hardly compresses.
@@ -28,48 +28,50 @@ def tissue_section(wall, pictures):
     parts = [f"<h2>Tissue of {html.escape(wall.name)}</h2>"]
     if wall.trouble:
         parts.append(f"<p class='flag'>{html.escape(wall.trouble)}</p>")
-    parts += [_picture(pictures, kind) for kind in ("activation", "deformation", "leads")]
+    parts += [embedded(pictures, kind, CAPTIONS) for kind in ("activation", "deformation", "leads")]
     if wall.figures:
-        parts += ["<h3>Cost</h3>", _picture(pictures, "cost"), _cost_table(wall), _sizes_table(wall)]
+        beats = wall.beats_measured()
+        parts += ["<h3>Cost</h3>", embedded(pictures, "cost", CAPTIONS), cost_table(wall.seconds_per_beat(), "s per beat"),
+                  sizes_table(wall.figures, beats, "per beat")
+                  + f"<p><small>Costs and counts: means over {_number(beats)} beat{'' if beats == 1 else 's'}.</small></p>"]
     else:
         parts.append("<p>The result holds no costs of this wall: the run was stopped before its end.</p>")
-    parts += ["<h3>Convergence</h3>", _convergence(wall), _picture(pictures, "convergence")]
+    parts += ["<h3>Convergence</h3>", _convergence(wall), embedded(pictures, "convergence", CAPTIONS)]
     return "\n".join(part for part in parts if part)
 
 
-def _picture(pictures, kind):
+def embedded(pictures, kind, captions):
+    """One of the pictures {kind: path} with its caption, inside the page; nothing where there is no such picture."""
     if kind not in pictures:
         return ""
     data = base64.b64encode(pictures[kind].read_bytes()).decode()
     return (f"<figure><img style='max-width: 100%' alt='{kind}' src='data:image/png;base64,{data}'>"
-            f"<figcaption>{CAPTIONS[kind]}</figcaption></figure>")
+            f"<figcaption>{captions[kind]}</figcaption></figure>")
 
 
-def _cost_table(wall):
-    seconds = wall.seconds_per_beat()
+def cost_table(seconds, unit):
+    """`seconds`: wall time of each of PARTS."""
     whole = sum(seconds.values())
     rows = [(name, f"{seconds[key]:.3f}", f"{100 * seconds[key] / whole:.1f}" if whole > 0 else "")
             for key, name, _ in PARTS if key in seconds]
     rows.append(("together", f"{whole:.3f}", ""))
-    return table(("part", "wall time [s per beat]", "share [%]"), rows)
+    return table(("part", f"wall time [{unit}]", "share [%]"), rows)
 
 
-def _sizes_table(wall):
-    """Figures of the wall that are no wall time, with what the file says about them."""
-    beats = wall.beats_measured()
-    known = [key for key in (*SIZES, *COUNTS) if key in wall.figures]
-    more = [key for key, figure in wall.figures.items() if key not in known and figure["unit"] != "s"]
+def sizes_table(figures, counted_over=1, count_unit=""):
+    """Figures that are no wall time, with what the file says about them; counts are divided by `counted_over`."""
+    known = [key for key in (*SIZES, *COUNTS) if key in figures]
+    more = [key for key, figure in figures.items() if key not in known and figure["unit"] != "s"]
     rows = []
     for key in (*known, *more):
-        figure = wall.figures[key]
+        figure = figures[key]
         name = html.escape(f"{key.replace('_', ' ')}: {figure['meaning']}")
         unit = "" if figure["unit"] == "1" else html.escape(figure["unit"])
         if key in COUNTS:
-            rows.append((name, _number(figure["value"] / beats), "per beat"))
+            rows.append((name, _number(figure["value"] / counted_over), count_unit))
         else:
             rows.append((name, _number(figure["value"]), unit))
-    note = f"<p><small>Costs and counts: means over {_number(beats)} beat{'' if beats == 1 else 's'}.</small></p>"
-    return table(("size or count", "value", ""), rows) + note
+    return table(("size or count", "value", ""), rows)
 
 
 def _number(value):
@@ -108,9 +110,5 @@ def _convergence(wall):
     for key, text in (("rejected_steps", "steps repeated in halves"), ("halved_updates", "Newton updates cut back")):
         if key in counts:
             rows.append((counts[key] == 0, f"{text}: {counts[key]:.0f}"))
-    items = "".join(f"<li>{_mark(good)}{text}</li>" for good, text in rows)
+    items = "".join(f"<li>{mark(good)}{text}</li>" for good, text in rows)
     return f"<ul>{items}</ul>"
-
-
-def _mark(good):
-    return "" if good is None else f"<span class='{'good' if good else 'flag'}'>{'good' if good else 'look'}</span> "

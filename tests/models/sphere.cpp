@@ -99,7 +99,7 @@ std::vector<double> isotonic(bool stabilise, RateScheme rate, double dt, double 
   for (int k = 0; k < 60; ++k) {
     wall.linearise(pressure, &V, &slope);
     const double none[1] = {0};
-    wall.update(none);
+    wall.update(none, 1);
   }
   wall.start(0, &V, &p);
   std::vector<double> volumes;
@@ -108,7 +108,7 @@ std::vector<double> isotonic(bool stabilise, RateScheme rate, double dt, double 
     for (int k = 0; k < 30; ++k) {
       wall.linearise(pressure, &V, &slope);
       const double none[1] = {0};
-      wall.update(none);
+      wall.update(none, 1);
     }
     wall.accept_step();
     volumes.push_back(V);
@@ -145,7 +145,7 @@ TEST_CASE("a rejected step leaves no trace") {
   wall.begin_step(0, 1e-3);
   wall.linearise(&p, &V, &slope);
   const double change[1] = {2};
-  wall.update(change);
+  wall.update(change, 1);
   wall.reject_step();
   wall.save(after);
   CHECK(before == after);

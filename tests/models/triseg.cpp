@@ -113,7 +113,7 @@ TEST_CASE("linearise gives the derivatives of the volumes by the pressures") {
     const double pressure[2] = {p0, p1};
     for (int k = 0; k < 12; ++k) {
       wall->linearise(pressure, V, C);
-      wall->update(none);
+      wall->update(none, 1);
     }
     out[0] = V[0];
     out[1] = V[1];
