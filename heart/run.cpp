@@ -1,4 +1,5 @@
 #include <fmt/format.h>
+
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -153,7 +154,6 @@ void HeartRun::resume(const std::filesystem::path& path) {
     for (double& value : beat_start_) value = take_saved(in);
     for (Column& column : beat_->trace.columns)
       for (long row = 0; row <= beat_->steps; ++row) column.values.push_back(take_saved(in));
-    saved_on_the_way_ = true;
   }
   if (cost_.beats > 0) {
     trace_.clear_rows();
@@ -224,6 +224,14 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
   const long steps_per_checkpoint =
       has_tissue_ ? std::max(1L, std::lround(scene_.checkpoint_every_ms * units::s_per_ms / scene_.dt_s)) : 0;
   if (result && has_tissue_) open_fields(*result, beat_ != nullptr || cost_.beats > 0);
+  if (has_tissue_ && !beat_ && cost_.beats == 0) {
+    // What the start cost, the unloaded shape above all, is not to be lost by a failure early in the first
+    // beat.
+    if (result)
+      checkpoint(*result);
+    else
+      driver_->restore(driver_->save());
+  }
   std::vector<double> good = driver_->save();
   while (!finished()) {
     stop_if_asked(cost_.beats);
@@ -246,7 +254,6 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
           cost_.heart_s = heart_before + seconds_since(begin);
           if (result) {
             checkpoint(*result);
-            saved_on_the_way_ = true;
           } else {
             driver_->restore(driver_->save());
           }
@@ -261,11 +268,9 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
       // Keep the last good state; an extrapolated start that failed is given up for a plain one. A beat that
       // was saved on the way is left as it was saved.
       if (has_tissue_) {
-        throw NumericalFailure(
-            fmt::format("at {:.4f} s (beat {}): {}{}", where, cost_.beats + 1, sentence(failure.what()),
-                        result && (saved_on_the_way_ || cost_.beats > 0)
-                            ? fmt::format(" The last good state is in {}.", result->string())
-                            : std::string()));
+        throw NumericalFailure(fmt::format(
+            "at {:.4f} s (beat {}): {}{}", where, cost_.beats + 1, sentence(failure.what()),
+            result ? fmt::format(" The last good state is in {}.", result->string()) : std::string()));
       }
       beat_.reset();
       driver_->restore(good);

@@ -75,7 +75,7 @@ class HeartRun {
   double initial_volume_ = 0;
   double volume_drift_ = 0;
   bool complete_ = false;
-  bool has_tissue_ = false, saved_on_the_way_ = false;
+  bool has_tissue_ = false;
   std::unique_ptr<BeatUnderWay> beat_;  // null between beats
   CirculationValues beat_start_{};
   std::map<std::string, std::map<std::string, WallFigure>> wall_figures_;

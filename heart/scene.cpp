@@ -274,8 +274,9 @@ SettingsTable* table_in(const SettingsTable& table, const std::string& name) {
   return found ? found->get() : nullptr;
 }
 
-// What the changes say in other words than the base is taken out of the base: a wall of several cavities takes
-// the place of the walls for each of them, and the other way round; a number of beats that of another end.
+// What the changes say in other words than the base is taken out of the base: a wall of several cavities
+// takes the place of the walls for each of them, and the other way round; a number of beats that of another
+// end.
 void make_room(SettingsTable& base, const SettingsTable& changes) {
   if (const SettingsTable* run = table_in(changes, "run");
       run && run->entries.contains("beats") && !run->entries.contains("until"))
@@ -451,6 +452,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
                     solver.place("dt_s"), scene.dt_s, scene.period_s,
                     scene.period_s / std::max(10.0, std::round(steps))));
   read_cell_solver(solver, scene);
+  const bool regulation_named = solver.has("regulation");
   const std::string regulation =
       solver.choice("regulation", regulation_scheme_names[1], as_strings(regulation_scheme_names),
                     "scheme of the regulatory units");
@@ -499,6 +501,12 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
       break;
     }
   reader.finish();
+  for (const WallPlan& wall : scene.walls)
+    if (wall.kind == "tissue" && regulation_named && scene.regulation == RegulationScheme::forward_euler)
+      scene.warnings.push_back(
+          fmt::format("walls.{} steps its regulatory units by the frozen-midpoint rule, whatever "
+                      "solver.regulation says",
+                      wall.name));
   const double substep_s = scene.regulatory_substep_us * 1e-6;
   for (WallPlan& wall : scene.walls)
     for (FibrePlan& fibre : wall.fibres) {

@@ -84,9 +84,9 @@ struct Scene {
   double checkpoint_every_ms = 50;  // of the model's time, with 3D tissue
   double stop_after_ms = 0;         // of the model's time, with 3D tissue; 0: at the end of the beats
   // A body of tissue alone.
-  double end_ms = 0;        // of electrophysiology
+  double end_ms = 0;         // of electrophysiology
   double rows_every_ms = 1;  // of its result
-  int load_steps = 10;      // of mechanics: equilibria on the way to the whole load, one row each
+  int load_steps = 10;       // of mechanics: equilibria on the way to the whole load, one row each
   std::vector<std::string> warnings;
 };
 

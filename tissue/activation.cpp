@@ -37,7 +37,8 @@ struct Activation::Implementation {
   Implementation(const Partition& p) : partition(p), space(p.make_nodes(1, true)) {}
 
   // Refuses lengths (um) and speeds (um/s) that no sarcomere has.
-  void require_in_range(const Region& region, std::span<const double> SL, std::span<const double> speed) const {
+  void require_in_range(const Region& region, std::span<const double> SL,
+                        std::span<const double> speed) const {
     const Quantity& range = Rdq20::inputs[Rdq20::dSL_dt];
     for (std::size_t k = 0; k < region.nodes.size(); ++k) {
       const auto place = [&] {

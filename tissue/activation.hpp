@@ -1,7 +1,7 @@
 // Active force in the tissue: RDQ20 at every vertex of the myocardium, in SIMD batches.
 //
-// Per step of mechanics: calcium (its mean over the step), stretch at its start and the stretch's rate go in; tension and
-// stiffness come out, both times a_XB, which varies smoothly between the ventricles:
+// Per step of mechanics: calcium (its mean over the step), stretch at its start and the stretch's rate go in;
+// tension and stiffness come out, both times a_XB, which varies smoothly between the ventricles:
 //   a_XB(x) = a_XB (xi + share (1 - xi)),  xi the normalised interventricular coordinate (1 left, 0 right).
 #pragma once
 

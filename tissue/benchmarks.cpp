@@ -234,11 +234,10 @@ EllipsoidResult ellipsoid(const EllipsoidSettings& settings, MPI_Comm communicat
 SphereResult sphere(const SphereSettings& settings, MPI_Comm communicator) {
   const auto begin = Clock::now();
   const double inner_mm = 27.27575, outer_mm = 37.16350;
-  const auto mesh =
-      made_once(communicator, [&] {
-        return settings.project_coefficients ? make_sphere(inner_mm, outer_mm, settings.size_mm)
-                                             : make_sphere_octant(inner_mm, outer_mm, settings.size_mm);
-      });
+  const auto mesh = made_once(communicator, [&] {
+    return settings.project_coefficients ? make_sphere(inner_mm, outer_mm, settings.size_mm)
+                                         : make_sphere_octant(inner_mm, outer_mm, settings.size_mm);
+  });
   const Partition partition(mesh, communicator);
   // Frames: s along the radius; fibre and normal tangential, the helix about the z axis.
   FibreField fibres;
@@ -263,7 +262,8 @@ SphereResult sphere(const SphereSettings& settings, MPI_Comm communicator) {
   const UsykLaw3 law = settings.project_coefficients ? UsykLaw3::from(880, 8, 6, 3, 12, 3, 3)
                                                      : UsykLaw3::from(880, 5.5, 6, 5.5, 7.5, 5.5, 7.5);
   mechanics_settings.materials = {{1, law, 1e3 * settings.bulk_kPa}};
-  // A helix has no plane of symmetry: the whole sphere twists as it will, held by springs too soft to be felt.
+  // A helix has no plane of symmetry: the whole sphere twists as it will, held by springs too soft to be
+  // felt.
   const double pieces = settings.project_coefficients ? 1 : 8;
   if (settings.project_coefficients) {
     Support weak;

@@ -148,8 +148,7 @@ std::shared_ptr<const TetMesh> unloaded_shape(const TissuePlan& plan, const std:
                                               MPI_Comm communicator, RecoveryReport& report) {
   if (!plan.recover_reference) return image;
   std::vector<double> pressures;
-  for (int chamber : chambers)
-    pressures.push_back(plan.image_pressure_mmHg[chamber] * units::Pa_per_mmHg);
+  for (int chamber : chambers) pressures.push_back(plan.image_pressure_mmHg[chamber] * units::Pa_per_mmHg);
   for (int artery : arteries_of(*image))
     pressures.push_back(plan.artery_image_pressure_mmHg[artery] * units::Pa_per_mmHg);
   Progress progress(place + ": unloaded shape", style);

@@ -23,8 +23,8 @@ int endocardium_of(int chamber);
 FibreField make_fibres(const TissuePlan& plan, const TetMesh& mesh);
 
 // What is excitable, with the state that the cells have at the beat's start; `place` for messages. Refuses
-// cells without an ionic model and those whose tissue the mesh does not have. Cells that were not paced (a run
-// that is resumed) begin in their published state.
+// cells without an ionic model and those whose tissue the mesh does not have. Cells that were not paced (a
+// run that is resumed) begin in their published state.
 std::vector<IonicRegion> ionic_regions(const Scene& scene, const WallPlan& wall, const TetMesh& mesh,
                                        const std::map<std::string, PacedCellType>& cells,
                                        const std::string& place);

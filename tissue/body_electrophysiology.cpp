@@ -58,9 +58,9 @@ struct ElectrophysiologyRun {
     tissue_kind().on_first_rank([] {});
     fibres = make_fibres(plan, *mesh);
     partition = std::make_unique<Partition>(mesh, communicator);
-    monodomain =
-        std::make_unique<Monodomain>(*partition, &fibres, plan.electrophysiology,
-                                     ionic_regions(scene, scene.walls.front(), *mesh, cells, "body"), plan.stimuli);
+    monodomain = std::make_unique<Monodomain>(*partition, &fibres, plan.electrophysiology,
+                                              ionic_regions(scene, scene.walls.front(), *mesh, cells, "body"),
+                                              plan.stimuli);
   }
 
   double within_beat(double t) const {
@@ -95,8 +95,8 @@ struct ElectrophysiologyRun {
     std::string base = request.result->string();
     if (base.ends_with(".h5")) base.resize(base.size() - 3);
     tissue_kind().on_first_rank([&] {
-      series = std::make_unique<FieldSeries>(
-          base + ".body", *mesh, resumed ? std::optional<double>(time_s - 1e-6) : std::nullopt);
+      series = std::make_unique<FieldSeries>(base + ".body", *mesh,
+                                             resumed ? std::optional<double>(time_s - 1e-6) : std::nullopt);
     });
     const double every = plan.fields_every_ms * units::s_per_ms;
     next_fields_s = resumed ? std::ceil(time_s / every - 1e-6) * every : 0;
@@ -112,9 +112,9 @@ struct ElectrophysiologyRun {
     const auto calcium_at = partition->gather_at_vertices(nodes, calcium.data(), 1, 0);
     const auto activation = activation_at_vertices();
     tissue_kind().on_first_rank([&] {
-      series->write(time_s, {{"potential_mV", 1, potential},
-                             {"activation_s", 1, activation},
-                             {"calcium_uM", 1, calcium_at}});
+      series->write(
+          time_s,
+          {{"potential_mV", 1, potential}, {"activation_s", 1, activation}, {"calcium_uM", 1, calcium_at}});
     });
   }
 
@@ -149,8 +149,7 @@ struct ElectrophysiologyRun {
             {"electrophysiology_solve", {cost.solve_s, "s", "wall time of linear systems"}},
             {"electrophysiology_right_side", {cost.right_side_s, "s", "wall time of right-hand sides"}},
             {"electrophysiology_assembly", {cost.assembly_s, "s", "wall time of matrices"}},
-            {"electrophysiology_steps",
-             {static_cast<double>(cost.steps), "1", "steps of electrophysiology"}},
+            {"electrophysiology_steps", {static_cast<double>(cost.steps), "1", "steps of electrophysiology"}},
             {"electrophysiology_iterations",
              {static_cast<double>(cost.iterations), "1", "of its linear solver"}}};
   }

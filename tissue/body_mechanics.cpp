@@ -35,7 +35,7 @@ struct MechanicsRun {
   std::vector<double> cell_volume;  // of local conductive cells that this rank counts; else 0
   double unloaded_tissue_m3 = 0;
 
-  double share = 0;  // of the load
+  double share = 0;               // of the load
   std::vector<double> pressures;  // Pa: chambers, then arteries
   EquilibriumReport last;
   long newton = 0;
@@ -52,13 +52,16 @@ struct MechanicsRun {
         style(r.quiet ? Progress::Style::quiet : Progress::Style::automatic) {
     rows.columns = {{"/load", "1", "share of the load", {}}};
     for (int chamber : chambers) {
-      rows.columns.push_back(
-          {fmt::format("/cavities/{}/pressure", chamber_names[chamber]), "mmHg", "pressure in the cavity", {}});
+      rows.columns.push_back({fmt::format("/cavities/{}/pressure", chamber_names[chamber]),
+                              "mmHg",
+                              "pressure in the cavity",
+                              {}});
       rows.columns.push_back(
           {fmt::format("/cavities/{}/volume", chamber_names[chamber]), "mL", "volume of the cavity", {}});
     }
     rows.columns.push_back({"/body/stretch", "1", "mean fibre stretch of the myocardium", {}});
-    rows.columns.push_back({"/body/myocardium_volume_ratio", "1", "of the myocardium, over the unloaded one", {}});
+    rows.columns.push_back(
+        {"/body/myocardium_volume_ratio", "1", "of the myocardium, over the unloaded one", {}});
     rows.columns.push_back({"/body/smallest_volume_ratio", "1", "smallest J of all elements", {}});
   }
 
@@ -115,7 +118,8 @@ struct MechanicsRun {
         },
         settings,
         [&](double s) {
-          return plan.active_tension_kPa > 0 ? tension_at(from + s * (next - from)) : std::vector<CellTension>{};
+          return plan.active_tension_kPa > 0 ? tension_at(from + s * (next - from))
+                                             : std::vector<CellTension>{};
         });
     newton += last.newton_iterations;
     pressures = after;
@@ -129,8 +133,8 @@ struct MechanicsRun {
                                            volumes[k] / units::m3_per_mL));
       if (worst <= 1e-5) break;
       if (round == most_rounds)
-        throw NumericalFailure(fmt::format(
-            "the cavities do not reach their volumes together, {:.2g} mL are missing", worst));
+        throw NumericalFailure(
+            fmt::format("the cavities do not reach their volumes together, {:.2g} mL are missing", worst));
       for (std::size_t k = 0; k < chambers.size(); ++k)
         if (const auto& whole = plan.loads[chambers[k]].volume_mL)
           pressures[k] = inflate_to_volume(
@@ -213,8 +217,7 @@ struct MechanicsRun {
 
   void write(bool complete) const {
     if (!request.result) return;
-    const auto displacement =
-        partition->gather(mechanics->nodes(), mechanics->displacement().data(), 3);
+    const auto displacement = partition->gather(mechanics->nodes(), mechanics->displacement().data(), 3);
     std::vector<double> points;
     for (const Point3& p : mesh->points) points.insert(points.end(), p.begin(), p.end());
     tissue_kind().on_first_rank([&] {
@@ -299,11 +302,11 @@ struct MechanicsRun {
               ? fmt::format("stopped on request; continue with --resume {}", request.result->string())
               : std::string("stopped on request; no -o was given, nothing was saved"));
     } catch (const NumericalFailure& failure) {
-      throw NumericalFailure(fmt::format(
-          "between {:.1f} % and the next step of the load: {}.{}", 100 * share, failure.what(),
-          request.result && share > 0
-              ? fmt::format(" The last good state is in {}.", request.result->string())
-              : std::string()));
+      throw NumericalFailure(
+          fmt::format("between {:.1f} % and the next step of the load: {}.{}", 100 * share, failure.what(),
+                      request.result && share > 0
+                          ? fmt::format(" The last good state is in {}.", request.result->string())
+                          : std::string()));
     }
     progress.finish(fmt::format("{} Newton iterations", newton));
   }
@@ -320,7 +323,8 @@ struct MechanicsRun {
         out += fmt::format("{:>12.3f}{:>11.2f}", rows.columns[1 + 2 * k].values[r],
                            rows.columns[2 + 2 * k].values[r]);
       const std::size_t n = rows.columns.size();
-      out += fmt::format("{:>10.4f}{:>12.3f}\n", rows.columns[n - 3].values[r], rows.columns[n - 1].values[r]);
+      out +=
+          fmt::format("{:>10.4f}{:>12.3f}\n", rows.columns[n - 3].values[r], rows.columns[n - 1].values[r]);
     }
     return out + fmt::format("cost: start {:.2f} s, loading {:.2f} s, {} Newton iterations\n", start_s, run_s,
                              newton);

@@ -65,11 +65,7 @@ struct Newton {
       report.worst_cell = balance.worst_cell;
       report.volumes_m3 = balance.volumes_m3;
       report.residual = balance.residual;
-      // At rest without any load the residual is round-off.
-      constexpr double round_off_N = 1e-9;
-      const double loads = load_norm(pressures);
-      if (loads == 0 && balance.residual <= round_off_N) return true;
-      const double tolerance = settings.relative_tolerance * std::max(first, loads);
+      const double tolerance = settings.relative_tolerance * std::max(first, load_norm(pressures));
       if (balance.residual <= tolerance || settled) return true;
       mechanics.assemble(pressures, true);
       solver.matrix_changed();
@@ -79,8 +75,10 @@ struct Newton {
       ++report.newton_iterations;
       const double work = std::abs(mechanics.product(mechanics.residual(), step));
       // Small loads on stiff tissue: round-off hides the residual's last digits, the step still shows them.
-      settled = mechanics.product(step, step) <=
-                1e-18 * mechanics.product(mechanics.displacement(), mechanics.displacement());
+      // At rest there is no displacement to compare it with: 1e-14 m is nothing.
+      settled =
+          mechanics.product(step, step) <=
+          std::max(1e-28, 1e-18 * mechanics.product(mechanics.displacement(), mechanics.displacement()));
       const std::vector<double> from = mechanics.displacement();
       double factor = 1;
       int halvings = 0;

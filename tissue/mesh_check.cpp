@@ -108,7 +108,8 @@ class Check {
     // A mouse's heart measures 8 mm, a whale's 1 m; what is far from both is in another unit.
     const bool impossible = longest < 2 || longest > 700;
     if (longest < 5 || longest > 400)
-      find(impossible ? Severity::error : Severity::warning, fmt::format("the mesh measures {:.4g} mm, no size of a heart", longest),
+      find(impossible ? Severity::error : Severity::warning,
+           fmt::format("the mesh measures {:.4g} mm, no size of a heart", longest),
            "give the unit of the file");
   }
 

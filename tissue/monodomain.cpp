@@ -386,20 +386,35 @@ Monodomain::Monodomain(const Partition& partition, const FibreField* fibres, Mon
         places[nodes[k]] = 0.5 * (image->points[v[tetrahedron_edges[k - 4][0]]] +
                                   image->points[v[tetrahedron_edges[k - 4][1]]]);
     }
+  require_stimuli_touch(image ? *image : partition.mesh(), me.stimuli, settings.order);
   for (const Stimulus& stimulus : me.stimuli) {
     std::vector<int> nodes;
     for (int node = 0; node < space.n_own; ++node)
       if (stimulus.holds(places[node])) nodes.push_back(node);
-    if (partition.sum(static_cast<double>(nodes.size())) == 0)
-      throw InputError(fmt::format(
-          "electrophysiology: the stimulus at ({:.2f}, {:.2f}, {:.2f}) mm touches no node of the conductive "
-          "tissue; move it, widen it, or check the mesh's unit",
-          1e3 * stimulus.centre[0], 1e3 * stimulus.centre[1], 1e3 * stimulus.centre[2]));
     me.stimulated.push_back(std::move(nodes));
   }
   me.mass = std::make_unique<NodeMatrix>(partition, space, 1);
   me.system = std::make_unique<NodeMatrix>(partition, space, 1);
   me.solver = std::make_unique<LinearSolver>(*me.system, settings.solver);
+}
+
+void require_stimuli_touch(const TetMesh& mesh, std::span<const Stimulus> stimuli, int order) {
+  for (const Stimulus& stimulus : stimuli) {
+    bool touches = false;
+    for (std::size_t c = 0; c < mesh.cells.size() && !touches; ++c) {
+      if (!mesh_tags::conductive(mesh.cell_tags[c])) continue;
+      const auto& v = mesh.cells[c];
+      for (int vertex : v) touches = touches || stimulus.holds(mesh.points[vertex]);
+      if (order == 2)
+        for (const auto& edge : tetrahedron_edges)
+          touches = touches || stimulus.holds(0.5 * (mesh.points[v[edge[0]]] + mesh.points[v[edge[1]]]));
+    }
+    if (!touches)
+      throw InputError(fmt::format(
+          "electrophysiology: the stimulus at ({:.2f}, {:.2f}, {:.2f}) mm touches no node of the conductive "
+          "tissue; move it, widen it, or check the mesh's unit",
+          1e3 * stimulus.centre[0], 1e3 * stimulus.centre[1], 1e3 * stimulus.centre[2]));
+  }
 }
 
 Monodomain::~Monodomain() = default;

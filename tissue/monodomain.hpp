@@ -39,6 +39,9 @@ struct Stimulus {
   bool holds(const Point3& point) const;
 };
 
+// Refuses stimuli that hold no node (order 2: vertices and middles of edges) of the conductive cells.
+void require_stimuli_touch(const TetMesh& mesh, std::span<const Stimulus> stimuli, int order);
+
 // What is excitable: the cells of some volume tags with one cell model.
 struct IonicRegion {
   std::vector<int> tags;

@@ -99,8 +99,7 @@ void read_electrophysiology(SettingsReader& table, bool with_mechanics, bool wit
   };
   plan.conductivity = conductivity(ep.table("conductivity"), 0.2, 0.11, 0.055);
   plan.fast_conductivity = conductivity(ep.table("fast_conductivity"), 0.8, 0.44, 0.22);
-  if (with_atria)
-    plan.atrial_conductivity = conductivity(ep.table("atrial_conductivity"), 0.7, 0.141, 0.141);
+  if (with_atria) plan.atrial_conductivity = conductivity(ep.table("atrial_conductivity"), 0.7, 0.141, 0.141);
 }
 
 // Stimuli come once a beat, and must end within it.

@@ -136,8 +136,8 @@ struct TissuePlan {
   double fields_every_ms = 10;
 };
 
-// Reads the table of a wall or body, what its physics needs; fills plan.tissue (a TissuePlan), for bodies also
-// plan.cavities.
+// Reads the table of a wall or body, what its physics needs; fills plan.tissue (a TissuePlan), for bodies
+// also plan.cavities.
 void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& plan);
 
 // The part of it on mechanics; adds cavities that only the loads name. For read_tissue().

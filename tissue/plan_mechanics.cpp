@@ -103,7 +103,6 @@ std::vector<int> named_tags(SettingsReader& table, const std::array<mesh_tags::T
   return named;
 }
 
-
 // [body.load]: what mechanics alone is loaded by. Cavities that a mesh file has are those that are named.
 void read_load(SettingsReader& load, std::vector<int>& chambers, TissuePlan& plan) {
   std::vector<std::string> known(chamber_names.begin(), chamber_names.end());
@@ -133,8 +132,10 @@ void read_load(SettingsReader& load, std::vector<int>& chambers, TissuePlan& pla
     if (table.has("volume_mL") && table.has("pressure_mmHg"))
       throw InputError(
           fmt::format("{}: give the volume or pressure_mmHg, not both", table.place("volume_mL")));
-    if (table.has("volume_mL")) of.volume_mL = table.number(keys::volume);
-    else of.pressure_mmHg = table.number(keys::pressure);
+    if (table.has("volume_mL"))
+      of.volume_mL = table.number(keys::volume);
+    else
+      of.pressure_mmHg = table.number(keys::pressure);
   }
   plan.active_tension_kPa = load.number(keys::tension);
 }
@@ -157,8 +158,8 @@ void read_mechanics(SettingsReader& table, Physics physics, std::vector<int>& ch
     const std::vector<std::string> solvers = {"gmres-ilu", "gmres-gamg", "direct"};
     const std::string solver = mechanics.choice("solver", "gmres-ilu", solvers, "linear solver");
     plan.solver = solver == "direct"       ? SolverKind::direct
-                   : solver == "gmres-gamg" ? SolverKind::gmres_gamg
-                                            : SolverKind::gmres_ilu;
+                  : solver == "gmres-gamg" ? SolverKind::gmres_gamg
+                                           : SolverKind::gmres_ilu;
     plan.residual_tolerance = mechanics.number(keys::newton);
     plan.linear_tolerance = mechanics.number(keys::linear);
     plan.tangent_every = static_cast<int>(mechanics.integer(keys::lag));

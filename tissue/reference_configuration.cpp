@@ -23,7 +23,8 @@ std::vector<Point3> vertex_displacement(const Mechanics& mechanics) {
 }
 
 // Anderson mixing: of the last few iterates the combination whose residual would be least, were the map
-// linear. Without it the fixed point stalls on fine meshes near the full load, where single elements are soft.
+// linear. Without it the fixed point stalls on fine meshes near the full load, where single elements are
+// soft.
 class Mixing {
  public:
   // The change of the iterate, given its residual.

@@ -1,9 +1,9 @@
 // The unloaded shape of a body that was imaged under load.
 //
 // Given the loaded coordinates x~ and the pressures p~, find X with X + d(X; p~) = x~: the fixed point
-// X <- X + (x~ - X - d(X)) with Anderson mixing, the load raised in steps (halved when an element turns inside
-// out or the fixed point does not settle), the secant through the last two results as start. Without active
-// tension. Fibres are computed anew on X by the caller.
+// X <- X + (x~ - X - d(X)) with Anderson mixing, the load raised in steps (halved when an element turns
+// inside out or the fixed point does not settle), the secant through the last two results as start. Without
+// active tension. Fibres are computed anew on X by the caller.
 #pragma once
 
 #include <functional>

@@ -51,14 +51,14 @@ struct TissueWall::Implementation {
   std::unique_ptr<Activation> activation;
   std::unique_ptr<Mechanics> mechanics;
   std::unique_ptr<LinearSolver> solver, direct;  // the latter where the former fails
-  bool rescued = false;  // the present matrix is the direct solver's
+  bool rescued = false;                          // the present matrix is the direct solver's
   std::vector<int> ep_node;         // node of the monodomain at each local vertex of the myocardium
   std::vector<int> region_of_node;  // region of the calcium's rescaling
   std::vector<double> cell_volume;  // of local conductive cells
   RecoveryReport recovery;
 
-  std::vector<int> arteries_here;           // indexes of `arteries`
-  std::vector<double> arterial_pressures;   // Pa, at the step's start, of arteries_here
+  std::vector<int> arteries_here;          // indexes of `arteries`
+  std::vector<double> arterial_pressures;  // Pa, at the step's start, of arteries_here
 
   // State between steps.
   std::vector<double> stretch, stretch_before;  // of local vertices, at the step's start and one step earlier
@@ -187,7 +187,8 @@ struct TissueWall::Implementation {
     constexpr int enough_iterations = 400;
     const std::vector<double> guess = x;
     SolveReport report;
-    if (!rescued) report = solver->solve(right.data(), x.data(), plan.linear_tolerance, 1e-12, enough_iterations);
+    if (!rescued)
+      report = solver->solve(right.data(), x.data(), plan.linear_tolerance, 1e-12, enough_iterations);
     cost.solver_iterations += report.iterations;
     if (!report.converged && plan.solver != SolverKind::direct) {
       x = guess;
@@ -200,9 +201,9 @@ struct TissueWall::Implementation {
     cost.solve_s += seconds_since(begin);
     ++cost.solves;
     if (!report.converged)
-      throw NumericalFailure(fmt::format(
-          "walls.{}: the linear solver of mechanics failed, {}; smallest J {:.3g} in {}", name, report.reason,
-          balance.smallest_J, mechanics->place_of_cell(balance.worst_cell)));
+      throw NumericalFailure(
+          fmt::format("walls.{}: the linear solver of mechanics failed, {}; smallest J {:.3g} in {}", name,
+                      report.reason, balance.smallest_J, mechanics->place_of_cell(balance.worst_cell)));
   }
 
   void assemble(bool tangent) {
@@ -264,6 +265,8 @@ TissueWall::TissueWall(const Scene& scene, const WallPlan& wall,
   me.image = make_mesh(me.plan, me.chambers, fmt::format("walls.{}", me.name), communicator);
   me.arteries_here = arteries_of(*me.image);
   me.ionic = ionic_regions(scene, wall, *me.image, cells, fmt::format("walls.{}", me.name));
+  // Before the minutes that the unloaded shape may take.
+  require_stimuli_touch(*me.image, me.plan.stimuli, me.plan.electrophysiology.order);
   for (std::size_t r = 0; r < wall.fibres.size(); ++r) {
     const FibrePlan& fibre = wall.fibres[r];
     const PacedCellType& paced = cells.at(fibre.cells);
@@ -287,8 +290,8 @@ std::span<const int> TissueWall::cavities() const { return me_->chambers; }
 
 void TissueWall::start(const double&, const double* volumes, double* pressures) {
   auto& me = *me_;
-  me.set_up(unloaded_shape(me.plan, me.chambers, me.image, fmt::format("walls.{}", me.name), me.progress_style(),
-                           me.communicator, me.recovery));
+  me.set_up(unloaded_shape(me.plan, me.chambers, me.image, fmt::format("walls.{}", me.name),
+                           me.progress_style(), me.communicator, me.recovery));
 
   // The initial displacement: in equilibrium at the volumes wanted, without active stress.
   Progress progress(fmt::format("walls.{}: initial displacement", me.name), me.progress_style());

@@ -51,8 +51,9 @@ void add_report(CLI::App& app) {
     std::string result, folder;
   };
   auto o = std::make_shared<Options>();
-  CLI::App* verb =
-      app.add_subcommand("report", "Wiggers diagram, PV loops and index table of a result, or the pictures of a body of tissue, one HTML file");
+  CLI::App* verb = app.add_subcommand("report",
+                                      "Wiggers diagram, PV loops and index table of a result, or the "
+                                      "pictures of a body of tissue, one HTML file");
   verb->add_option("result", o->result, "result file of wiggers run (HDF5)")->required();
   verb->add_option("-o,--output", o->folder, "folder for the pictures and index.html [RESULT-report]");
   verb->callback([o] {

@@ -169,7 +169,7 @@ void add_check(CLI::App& app) {
     }
     if (scene.physics == Physics::heart)
       fmt::print("  blood volume {:.1f} mL, period {} s, step {} s\n",
-               total_volume(scene.circulation, scene.initial.data()), scene.period_s, scene.dt_s);
+                 total_volume(scene.circulation, scene.initial.data()), scene.period_s, scene.dt_s);
     for (const std::string& warning : scene.warnings) fmt::print("note: {}\n", warning);
   });
 }

@@ -86,7 +86,8 @@ def wiggers_diagram(result):
         for panel in panels:
             shade_phases(panel, result)
         _name_phases(left, result)
-        figure.suptitle(result.title, y=0.995, fontsize=12, fontweight="bold")
+        title = result.title if result.is_whole_beat else f"{result.title}: until {result.end_ms}"
+        figure.suptitle(title, y=0.995, fontsize=12, fontweight="bold")
         # The valve names of the bar panel would push the labels off the sheet.
         figure.align_ylabels([panel for panel in panels if panel is not bars])
         figure.subplots_adjust(left=0.115, right=0.80, top=0.945, bottom=0.05, hspace=0.13)
@@ -121,6 +122,8 @@ def _name_phases(panel, result):
 
 
 def pv_loops(result):
+    """Loops over a whole beat; open curves where a part of a beat was run."""
+    phases_known = bool(result.phases)
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(2, 2, figsize=(8.2, 7.2))
         for axis, (chamber, name, side) in zip(
@@ -129,7 +132,14 @@ def pv_loops(result):
         ):
             V, p = result.volume[chamber], result.pressure[chamber]
             phases = result.phase_at(side)
-            axis.plot(V, p, color="0.75", lw=1)
+            if phases_known:
+                axis.plot(V, p, color="0.75", lw=1)
+            else:
+                axis.plot(V, p, color=COLOUR[chamber])
+            if not result.is_whole_beat:  # an open curve
+                axis.plot(V[0], p[0], "o", color=COLOUR[chamber], mfc="white", ms=5.5)
+                axis.plot(V[-1], p[-1], "o", color=COLOUR[chamber], ms=5.5)
+                axis.ticklabel_format(useOffset=False)
             for phase, colour in PHASE_COLOUR.items():
                 inside = phases == phase
                 joined = inside | np.roll(inside, 1)  # draw up to the first sample of the next phase
@@ -139,8 +149,18 @@ def pv_loops(result):
             axis.set_xlabel("volume [mL]")
             axis.set_ylabel("pressure [mmHg]")
             axis.margins(0.08)
-        handles = [Line2D([], [], color=PHASE_COLOUR[p], lw=3, label=f"{p}  {PHASE_NAME[p]}") for p in PHASE_COLOUR]
-        figure.legend(handles=handles, loc="lower center", ncol=3, fontsize=8.5)
-        figure.suptitle(f"{result.title}: pressure-volume loops", fontsize=12, fontweight="bold")
+            if not result.is_whole_beat:  # what hardly changes is not blown up
+                for values, limit in ((V, axis.set_xlim), (p, axis.set_ylim)):
+                    if np.ptp(values) < 0.5:  # mL or mmHg
+                        middle = 0.5 * (values.min() + values.max())
+                        limit(middle - 0.5, middle + 0.5)
+        handles = [Line2D([], [], color=PHASE_COLOUR[p], lw=3, label=f"{p}  {PHASE_NAME[p]}") for p in PHASE_COLOUR if phases_known]
+        if not result.is_whole_beat:
+            handles += [Line2D([], [], color="0.3", marker="o", ls="", mfc=fill, label=name)
+                        for fill, name in (("white", "start of the beat"), ("0.3", f"end of the run, {result.end_ms}"))]
+        if handles:
+            figure.legend(handles=handles, loc="lower center", ncol=3, fontsize=8.5)
+        kind = "loops" if result.is_whole_beat else "curves"
+        figure.suptitle(f"{result.title}: pressure-volume {kind}", fontsize=12, fontweight="bold")
         figure.subplots_adjust(left=0.08, right=0.98, top=0.90, bottom=0.15, hspace=0.34, wspace=0.24)
         return figure

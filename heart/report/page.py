@@ -15,20 +15,38 @@ pre { background: #f6f6f6; padding: 0.8rem; overflow-x: auto; font-size: 12.5px;
 
 def write_page(path, result, pictures, sections=()):
     """`sections`: HTML that stands before the scene."""
-    s = result.summary
+    missing = result.what_is_missing()
     write_document(path, result, [
+        *([f"<p class='flag verdict'>{html.escape(missing)}</p>"] if missing else []),
         _verdicts(result),
-        _picture(pictures["wiggers"], "Wiggers diagram of the last beat. Shading: phases of the left heart. The ECG is a "
-                 "surrogate drawn from the activation of the chambers: its shape has no torso behind it."),
-        _picture(pictures["pv_loops"], "Pressure-volume loops with the phases of their own side."),
-        "<h2>Indexes</h2>",
-        _two_sides(s["indexes"]),
-        "<h2>Against reference ranges</h2>",
-        _ranges(result),
-        "<h2>Valves</h2>",
-        _valves(s["indexes"]["valves"]),
+        _picture(pictures["wiggers"], _wiggers_caption(result)),
+        _picture(pictures["pv_loops"], _loops_caption(result)),
+        *(_index_parts(result) if result.has_indexes else []),
         *sections,
     ])
+
+
+def _index_parts(result):
+    indexes = result.summary["indexes"]
+    parts = ["<h2>Indexes</h2>", _two_sides(indexes)]
+    if result.ranges:
+        parts += ["<h2>Against reference ranges</h2>", _ranges(result)]
+    return [*parts, "<h2>Valves</h2>", _valves(indexes["valves"])]
+
+
+def _wiggers_caption(result):
+    parts = ["Wiggers diagram of the last beat." if result.is_whole_beat else "Wiggers diagram of the part of the beat that was run."]
+    if result.phases:
+        parts.append("Shading: phases of the left heart.")
+    if result.ecg_surrogate() is not None:
+        parts.append("The ECG is a surrogate drawn from the activation of the chambers: its shape has no torso behind it.")
+    return " ".join(parts)
+
+
+def _loops_caption(result):
+    if not result.is_whole_beat:
+        return "Pressure over volume of each chamber, open curves: the beat was not run to its end."
+    return "Pressure-volume loops with the phases of their own side." if result.phases else "Pressure-volume loops."
 
 
 def write_document(path, result, parts):
@@ -53,7 +71,7 @@ def _picture(path, caption):
 def _verdicts(result):
     s = result.summary
     rows = []
-    if "limit_cycle" in s:
+    if "limit_cycle" in s and not (result.beats == 0 and not result.is_whole_beat):
         cycle = s["limit_cycle"]
         good = cycle["verdict"] == "period-1"
         rows.append((good, f"limit cycle: {cycle['verdict']}, scaled distance {cycle['distance']:.1e} after "
@@ -65,9 +83,12 @@ def _verdicts(result):
                          f"cells {html.escape(name)}: {cycle['verdict']}, distance {cycle['distance']:.1e} after {cycle['beats']} "
                          f"beats; calcium {cell['calcium_min_uM']:.3f} to {cell['calcium_max_uM']:.3f} uM at the force model"))
     audits = s["audits"]
-    rows.append((audits["blood_volume_drift_mL"] < 1e-6, f"blood volume drift {audits['blood_volume_drift_mL']:.1e} mL a beat"))
-    rows.append((audits["energy_imbalance"] < 0.02,
-                 f"energy: chambers' work and losses differ by {100 * audits['energy_imbalance']:.2f} % (step error)"))
+    # Both hold over whole beats only: within one, blood and energy are stored on the way.
+    if result.beats > 0 or result.is_whole_beat:
+        rows.append((audits["blood_volume_drift_mL"] < 1e-6, f"blood volume drift {audits['blood_volume_drift_mL']:.1e} mL a beat"))
+    if result.is_whole_beat:
+        rows.append((audits["energy_imbalance"] < 0.02,
+                     f"energy: chambers' work and losses differ by {100 * audits['energy_imbalance']:.2f} % (step error)"))
     flips = s["flips"]
     rows.append((flips["p_LV_mmHg"] < 0.1 and flips["Q_AV_mL_per_s"] < 1,
                  f"largest step-to-step flip: p_LV {flips['p_LV_mmHg']:.3g} mmHg, Q_AV {flips['Q_AV_mL_per_s']:.3g} mL/s"))
@@ -77,7 +98,10 @@ def _verdicts(result):
 def verdict_list(result, rows):
     """`rows`: (good or not, None where it cannot be judged; HTML). Warnings of the run follow."""
     items = "".join(f"<li>{mark(good)}{text}</li>" for good, text in rows)
-    warnings = "".join(f"<li class='flag'>{html.escape(w)}</li>" for w in result.summary.get("warnings", []))
+    # What speaks of indexes that there are not is said by the page itself.
+    told = [] if getattr(result, "has_indexes", True) else ["there are no indexes", "the indexes are of the last beat"]
+    warnings = [w for w in result.summary.get("warnings", []) if not w.endswith(tuple(told))]
+    warnings = "".join(f"<li class='flag'>{html.escape(w)}</li>" for w in warnings)
     if result.status != "complete":
         warnings = "<li class='flag'>this run is not complete</li>" + warnings
     return f"<ul class='verdict'>{items}{warnings}</ul>"

@@ -15,7 +15,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Normalize
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
-from result import CHAMBERS
+from result import CHAMBERS, WALL_CHAMBERS
 from surface import Camera, clipped, draw, outer_patches, section
 from vtu import BrokenFields, Frame, read_index
 
@@ -66,6 +66,9 @@ class Tissue:
                 self.trouble += f" (the scene has {off})"
             self.trouble += ", "
             return
+        if off := self.fields_off():
+            self.trouble = f"The scene has {off}: the fields in {self.folder.name} are of another run, "
+            return
         self.frames = self.frames_of_result(read_index(self.folder))
         if not self.frames:
             self.trouble = f"The index in {self.folder.name} lists no frame of {self.result.span}, "
@@ -73,6 +76,10 @@ class Tissue:
     def fields_off(self):
         """The setting of the scene by which the run wrote no fields, if it has it."""
         return "fields_every_ms = 0" if self.result.tissue_settings(self.name).get("fields_every_ms") == 0 else None
+
+    def frame_time(self, time_s):
+        """Time (s) of the frame nearest to that time; that time itself without frames."""
+        return min((t for t, _ in self.frames), key=lambda t: abs(t - time_s), default=time_s)
 
     def frame_at(self, time_s):
         """(time in s, frame) of the frame nearest to that time."""
@@ -86,29 +93,58 @@ class TissueWall(Tissue):
     def __init__(self, result, name):
         super().__init__(result, name)
         self.traces = result.cells.get(name, {})
-        # The chamber whose volume and pressure tell the moments of the beat.
-        self.chamber = name if name in CHAMBERS else "LV"
+        self.chambers = (name,) if name in CHAMBERS else WALL_CHAMBERS.get(name, ("LV",))  # that it encloses
+        self.chamber = self.chambers[0]  # its volume and pressure tell the moments of the beat
+        self.colour = COLOUR[self.chamber] if len(self.chambers) == 1 else "black"
 
     def frames_of_result(self, frames):
-        # Frames carry the time since the start of the run; the result holds its last complete beat.
-        period = self.result.period
-        start = (self.result.beats - 1) * period
-        slack = 1e-6 * period
+        # Frames carry the time since the start of the run; the result holds its last beat, whole or in part.
+        start, end = self.result.start, self.result.time[-1]
+        slack = 1e-6 * self.result.period
         times = [(t - start, path) for t, path in frames]
-        return [(t, path) for t, path in times if -slack <= t <= period + slack]
+        return [(t, path) for t, path in times if -slack <= t <= end + slack]
 
     def moments(self):
         """(name, time in s) of the moments that are drawn."""
         time = self.result.time
+        of_it = f"{self.chamber} " if len(self.chambers) > 1 else ""
+        if not self.result.is_whole_beat:
+            highest = time[np.argmax(self.result.pressure[self.chamber])]
+            # Pressure may rise or fall all the way.
+            is_end = self.frame_time(highest) in (self.frame_time(time[0]), self.frame_time(time[-1]))
+            middle = ("half-way", 0.5 * time[-1]) if is_end else (f"highest {of_it}pressure", highest)
+            moments = (("start of the beat", time[0]), middle, ("end of the run", time[-1]))
+            return tuple({self.frame_time(moment[1]): moment for moment in moments[::-1]}.values())[::-1]
         volume, pressure = self.result.volume[self.chamber], self.result.pressure[self.chamber]
         side = "right" if self.chamber in ("RA", "RV") else "left"
         phases = self.result.phases.get(side, {})
         # When the inlet valve closes; without phases when the chamber is largest.
         filled = phases["IVC"][0] if "IVC" in phases else time[np.argmax(volume)]
-        return (("end of diastole", filled), ("highest pressure", time[np.argmax(pressure)]), ("end of the beat", time[-1]))
+        highest = time[np.argmax(pressure)]
+        return (("end of diastole", filled), (f"highest {of_it}pressure", highest), ("end of the beat", time[-1]))
+
+    def heading(self, name, time_s):
+        """Of a view: the moment, and what the chambers that the wall encloses hold."""
+        lines = [f"{name}, {1e3 * time_s:.0f} ms"]
+        for chamber in self.chambers:
+            of_it = f"{chamber} " if len(self.chambers) > 1 else ""
+            curves = self.result.volume[chamber], self.result.pressure[chamber]
+            volume, pressure = (np.interp(time_s, self.result.time, curve) for curve in curves)
+            lines.append(f"{of_it}{volume:.0f} mL, {pressure:.0f} mmHg")
+        return "\n".join(lines)
+
+    def lead_unit(self):
+        units = self.result.cell_units.get(self.name, {})
+        return units.get("lead_1", "").replace("^2", "²")
+
+    def cost_unit(self):
+        return "s per beat" if self.result.is_whole_beat else "s"
 
     def seconds_per_beat(self):
-        """Wall time of each part for one beat, in the order of PARTS; parts that the file does not have are left out."""
+        """Wall time of each part for one beat, in the order of PARTS; parts that the file does not have are left out.
+
+        Of a part of a beat: for what was run.
+        """
         seconds = {key: figure["value"] for key, figure in self.figures.items() if figure["unit"] == "s"}
         of_it = [value for key, value in seconds.items() if key.startswith("electrophysiology_")]
         if "electrophysiology" in seconds:
@@ -117,7 +153,12 @@ class TissueWall(Tissue):
         return {key: seconds[key] / beats for key, *_ in PARTS if key in seconds}
 
     def beats_measured(self):
-        """Beats over which the figures of this wall were counted; fewer than the run's after it was resumed."""
+        """Beats over which the figures of this wall were counted; fewer than the run's after it was resumed.
+
+        1 for a part of a beat: its figures are shown as they are.
+        """
+        if not self.result.is_whole_beat:
+            return 1.0
         steps, per_beat = self.figures.get("steps"), self.result.solver.get("steps")
         return steps["value"] / per_beat if steps and per_beat else 1.0
 
@@ -186,8 +227,8 @@ def _scale_bar(axis, low, high):
 
 
 def activation_map(wall):
-    """Activation time on the myocardium from two sides and cut open, on the shape at the end of diastole."""
-    _, last = wall.frame_at(wall.result.period)
+    """Activation time on the myocardium from two sides and cut open, on the shape at the first of the moments."""
+    _, last = wall.frame_at(wall.result.time[-1])
     _, filled = wall.frame_at(wall.moments()[0][1])
     body = Body(filled)
     return activation_views(body, last.field("activation_s"), f"{wall.result.title}: activation of {wall.name}")
@@ -235,14 +276,12 @@ def _percent(share):
 
 
 def deformed_views(wall):
-    """The body at three moments from outside and cut open, all with one camera, scale and colours."""
+    """The body at its moments from outside and cut open, all with one camera, scale and colours."""
     result = wall.result
     columns = []
     for name, time_s in wall.moments():
         t, frame = wall.frame_at(time_s)
-        volume = np.interp(t, result.time, result.volume[wall.chamber])
-        pressure = np.interp(t, result.time, result.pressure[wall.chamber])
-        columns.append((f"{name}, {1e3 * t:.0f} ms\n{volume:.0f} mL, {pressure:.0f} mmHg", Body(frame)))
+        columns.append((wall.heading(name, t), Body(frame)))
     tension = ("active_tension_Pa", 1e-3, "active tension [kPa]", True, tension_colours)
     return field_views(columns, (*STRETCH_ROWS, tension), f"{result.title}: deformation of {wall.name}")
 
@@ -282,7 +321,8 @@ def field_views(columns, rows, title):
         width, left, right = 8.2, 0.045, 0.86
         cell = (right - left) * width / len(bodies)  # inches
         height = cell * (high[1] - low[1]) / (high[0] - low[0])
-        head, gap = 0.95, 0.08
+        lines = max(heading.count("\n") + 1 for heading, _ in columns)
+        head, gap = 0.95 + 0.165 * max(0, lines - 2), 0.08
         total = head + len(rows) * (height + gap) + 0.1
         figure = plt.figure(figsize=(width, total))
         for r, (field, factor, label, open_, colours_of) in enumerate(rows):
@@ -339,7 +379,7 @@ def convergence_chart(wall):
     if newton is not None:
         panels.append((newton, "Newton iterations\nof a step", "0.35"))
     if "smallest_volume_ratio" in wall.traces:
-        panels.append((wall.traces["smallest_volume_ratio"], "smallest volume\nratio J [1]", COLOUR.get(wall.chamber, "black")))
+        panels.append((wall.traces["smallest_volume_ratio"], "smallest volume\nratio J [1]", wall.colour))
     if not panels:
         return None
     with plt.rc_context(STYLE):
@@ -352,13 +392,16 @@ def convergence_chart(wall):
         if "smallest_volume_ratio" in wall.traces:
             ratio = wall.traces["smallest_volume_ratio"]
             k = int(np.argmin(ratio))
-            axes[-1].plot(t[k], ratio[k], "o", color=COLOUR.get(wall.chamber, "black"), ms=4)
-            axes[-1].annotate(f"{ratio[k]:.2f} at {t[k]:.0f} ms", (t[k], ratio[k]), xytext=(0, 9), textcoords="offset points", ha="center", fontsize=8.5)
+            axes[-1].plot(t[k], ratio[k], "o", color=wall.colour, ms=4, clip_on=result.is_whole_beat)
+            side = "left" if t[k] < 0.1 * t[-1] else "right" if t[k] > 0.9 * t[-1] else "center"
+            axes[-1].annotate(f"{ratio[k]:.2f} at {t[k]:.0f} ms", (t[k], ratio[k]), xytext=(0, 9),
+                              textcoords="offset points", ha=side, fontsize=8.5)
             axes[-1].set_ylim(min(0.0, 1.1 * ratio.min()), max(1.05, 1.05 * ratio.max()))
             axes[-1].axhline(1, color="0.8", lw=0.8, zorder=0)
         axes[-1].set_xlabel("time [ms]")
         axes[-1].set_xlim(0, t[-1])
-        figure.suptitle(f"{result.title}: {wall.name} over the beat", fontsize=12, fontweight="bold")
+        span = "over the beat" if result.is_whole_beat else f"until {result.end_ms}"
+        figure.suptitle(f"{result.title}: {wall.name} {span}", fontsize=12, fontweight="bold")
         inches = 1.8 * len(panels) + 0.9
         figure.align_ylabels(axes)
         figure.subplots_adjust(left=0.115, right=0.97, top=1 - 0.4 / inches, bottom=0.5 / inches, hspace=0.15)
@@ -385,7 +428,7 @@ def lead_chart(tissue, title, unit):
             shade_phases(axis, tissue.result)
         axes[-1].set_xlabel("time [ms]")
         axes[-1].set_xlim(0, t[-1])
-        figure.suptitle(f"{title} [{unit}, no absolute scale]", fontsize=12, fontweight="bold")
+        figure.suptitle(f"{title} [{', '.join(filter(None, (unit, 'no absolute scale')))}]", fontsize=12, fontweight="bold")
         figure.subplots_adjust(left=0.16, right=0.97, top=1 - 0.4 / inches, bottom=0.5 / inches, hspace=0.2)
         return figure
 
@@ -395,9 +438,10 @@ def lead_chart(tissue, title, unit):
 
 def make_tissue_pictures(wall, folder):
     title = wall.result.title
-    makers = {"convergence": convergence_chart, "leads": lambda _: lead_chart(wall, f"{title}: pseudo-ECG of {wall.name}", "mV m")}
+    makers = {"convergence": convergence_chart,
+              "leads": lambda _: lead_chart(wall, f"{title}: pseudo-ECG of {wall.name}", wall.lead_unit())}
     if seconds := wall.seconds_per_beat():
-        makers = {"cost": lambda _: cost_chart(seconds, f"{title}: cost of {wall.name}", "s per beat")} | makers
+        makers = {"cost": lambda _: cost_chart(seconds, f"{title}: cost of {wall.name}", wall.cost_unit())} | makers
     if wall.frames:
         makers |= {"activation": activation_map, "deformation": deformed_views}
     return make_pictures(wall, makers, folder)

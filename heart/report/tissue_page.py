@@ -24,19 +24,43 @@ CAPTIONS = {
 }
 
 
+# Of a part of a beat.
+CAPTIONS_OF_PART = CAPTIONS | {
+    "activation": CAPTIONS["activation"].replace("the end of diastole", "the start of the beat"),
+    "cost": "Wall time of each part of what was run, on the first process. The share is of what is shown.",
+    "convergence": "Over the part of the beat that was run. J is the volume of an element over that in the unloaded shape; the "
+                   "smallest of all elements at each moment.",
+}
+
+
+def captions_of(wall):
+    captions = dict(CAPTIONS if wall.result.is_whole_beat else CAPTIONS_OF_PART)
+    if len(wall.chambers) > 1:
+        cavities = ", ".join(wall.chambers)
+        captions["deformation"] += f" Volumes and pressures: of the cavities {cavities}, which this one body encloses."
+        if wall.result.is_whole_beat:
+            captions["activation"] = captions["activation"].replace("end of diastole", f"end of diastole of {wall.chamber}")
+            captions["deformation"] += f" The end of diastole is that of {wall.chamber}."
+    return captions
+
+
 def tissue_section(wall, pictures):
+    captions = captions_of(wall)
     parts = [f"<h2>Tissue of {html.escape(wall.name)}</h2>"]
     if wall.trouble:
         parts.append(f"<p class='flag'>{html.escape(wall.trouble)}</p>")
-    parts += [embedded(pictures, kind, CAPTIONS) for kind in ("activation", "deformation", "leads")]
+    parts += [embedded(pictures, kind, captions) for kind in ("activation", "deformation", "leads")]
     if wall.figures:
         beats = wall.beats_measured()
-        parts += ["<h3>Cost</h3>", embedded(pictures, "cost", CAPTIONS), cost_table(wall.seconds_per_beat(), "s per beat"),
-                  sizes_table(wall.figures, beats, "per beat")
-                  + f"<p><small>Costs and counts: means over {_number(beats)} beat{'' if beats == 1 else 's'}.</small></p>"]
+        if wall.result.is_whole_beat:
+            count_unit, note = "per beat", f"means over {_number(beats)} beat{'' if beats == 1 else 's'}."
+        else:
+            count_unit, note = "", f"sums over the run until {wall.result.end_ms}; if it was resumed, since then."
+        parts += ["<h3>Cost</h3>", embedded(pictures, "cost", captions), cost_table(wall.seconds_per_beat(), wall.cost_unit()),
+                  sizes_table(wall.figures, beats, count_unit) + f"<p><small>Costs and counts: {note}</small></p>"]
     else:
         parts.append("<p>The result holds no costs of this wall: the run was stopped before its end.</p>")
-    parts += ["<h3>Convergence</h3>", _convergence(wall), embedded(pictures, "convergence", CAPTIONS)]
+    parts += ["<h3>Convergence</h3>", _convergence(wall), embedded(pictures, "convergence", captions)]
     return "\n".join(part for part in parts if part)
 
 
@@ -88,15 +112,18 @@ def _convergence(wall):
         rows.append((ratio.min() > SMALLEST_GOOD_VOLUME_RATIO,
                      f"smallest volume ratio of an element {ratio.min():.3f}, at {1e3 * result.time[ratio.argmin()]:.0f} ms"))
     cycle = result.summary.get("limit_cycle")
-    if cycle:
+    if cycle and (result.is_whole_beat or result.beats > 0):
         rows.append((cycle["verdict"] == "period-1",
                      f"scaled distance to the limit cycle {cycle['distance']:.1e} after {cycle['beats']} beats"))
     mismatch = result.summary["audits"].get("volume_mismatch_mL")
     if mismatch is not None:
         rows.append((mismatch < 1e-3, f"volumes of walls and of the blood in them differ by at most {mismatch:.1e} mL"))
     steps, newton = result.solver.get("steps"), result.solver.get("newton_iterations")
+    where = "in the last beat"
+    if not result.is_whole_beat:
+        steps, where = len(result.time) - 1, f"until {result.end_ms}"
     if steps and newton is not None:
-        rows.append((None, f"Newton iterations of the coupled heart: {newton:.0f} in the last beat, {newton / steps:.2f} a step"))
+        rows.append((None, f"Newton iterations of the coupled heart: {newton:.0f} {where}, {newton / steps:.2f} a step"))
     counts = {key: figure["value"] for key, figure in wall.figures.items()}
     own_steps = counts.get("steps")
     if own_steps and "tangents" in counts and "residuals" in counts:

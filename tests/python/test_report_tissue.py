@@ -4,6 +4,7 @@ The tissue is a made-up block beside the result of a run without tissue, so that
 """
 
 import itertools
+import json
 import re
 import shutil
 import sys
@@ -281,3 +282,111 @@ def test_without_tissue_nothing_is_added(wiggers, plain_result, tmp_path):
         "index.html", "wiggers.png", "wiggers.svg", "pv_loops.png", "pv_loops.svg"}
     page = (tmp_path / "report" / "index.html").read_text()
     assert "Tissue" not in page and "<img" not in page
+
+
+SEVERAL = {"ventricles": ("LV", "RV"), "heart": ("LV", "RV", "LA", "RA")}
+
+
+@pytest.fixture
+def part_of_beat(plain_result, tmp_path):
+    """Makes a result that was ended within a beat, of a body around several cavities. Returns the path and its end (s)."""
+
+    def make(wall, beats_before=0, rows=101):
+        path = tmp_path / "part.h5"
+        shutil.copy(plain_result, path)
+        with h5py.File(path, "a") as file:
+            for name in ("reference_ranges", "phases", "indexes", "cells"):
+                if name in file:
+                    del file[name]
+            tables = []
+            file.visititems(lambda name, item: tables.append(name) if isinstance(item, h5py.Dataset) and item.shape else None)
+            for name in tables:
+                if name.startswith("checkpoint"):
+                    continue
+                attributes, values = dict(file[name].attrs), file[name][:rows]
+                del file[name]
+                file.create_dataset(name, data=values).attrs.update(attributes)
+            summary = json.loads(file["summary"][()].decode())
+            del summary["indexes"], file["summary"]
+            summary["limit_cycle"]["beats"] = beats_before
+            summary["audits"]["volume_mismatch_mL"] = 0.0
+            summary["warnings"] = ["the run was ended within a beat: there are no indexes", "another warning"]
+            file["summary"] = np.bytes_(json.dumps(summary))
+            file["checkpoint/run"][0] = beats_before
+            t = file["time"][:]
+            put(file, f"solver/walls/{wall}/electrophysiology", 3.0, "s")
+            put(file, f"solver/walls/{wall}/mechanics_solve", 6.0, "s")
+            put(file, f"solver/walls/{wall}/steps", 104.0)
+            put(file, f"cells/{wall}/membrane_potential", np.full(rows, -80.0), "mV")
+            put(file, f"cells/{wall}/smallest_volume_ratio", 1 - 0.1 * t / t[-1])
+            put(file, f"cells/{wall}/lead_1", np.sin(2 * np.pi * t / t[-1]), "mV m^2/s")
+        return path, float(t[-1])
+
+    return make
+
+
+@pytest.mark.parametrize("wall", SEVERAL)
+def test_report_of_a_run_ended_within_its_first_beat(wiggers, part_of_beat, tmp_path, wall):
+    path, end = part_of_beat(wall)
+    write_series(tmp_path / f"part.{wall}.fields", end, frames_per_beat=4)
+    outcome = wiggers("report", path, "-o", "report")
+    assert outcome.status == 0, outcome.err
+    assert {p.name for p in (tmp_path / "report").iterdir()} == {
+        "index.html", "wiggers.png", "wiggers.svg", "pv_loops.png", "pv_loops.svg", *(f"{wall}_{kind}.png" for kind in PICTURES)}
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert f"This run was ended within its first beat, at {1e3 * end:g} ms" in page
+    assert page.index("ended within its first beat") < page.index("<svg")
+    assert page.count("there are no indexes") == 1 and "another warning" in page
+    for text in ("<h2>Indexes", "reference ranges", "<h2>Valves", "limit cycle: ", "phases", "ECG is", "last beat", "per beat",
+                 "end of diastole", "energy: "):
+        assert text not in page, text
+    assert f"of the cavities {', '.join(SEVERAL[wall])}," in page
+    assert re.search(r"mechanics: linear systems</td><td>6\.000</td><td>66\.7<", page)  # of what was run
+    assert "sums over the run" in page
+
+
+def test_views_of_a_part_of_a_beat_name_every_cavity(part_of_beat, tmp_path):
+    path, end = part_of_beat("ventricles")
+    write_series(tmp_path / "part.ventricles.fields", end, frames_per_beat=4)
+    from figures import pv_loops
+    from result import Result
+    from tissue import lead_chart, tissue_walls
+
+    result = Result(path)
+    (wall,) = tissue_walls(result)
+    names, times = zip(*wall.moments())
+    assert names[0] == "start of the beat" and names[-1] == "end of the run" and times[0] == 0 and times[-1] == end
+    first = [f"{chamber} {result.volume[chamber][0]:.0f} mL, {result.pressure[chamber][0]:.0f} mmHg" for chamber in ("LV", "RV")]
+    assert wall.heading("start", 0.0).split("\n") == ["start, 0 ms", *first]
+    assert "[mV m²/s, no absolute scale]" in lead_chart(wall, "leads", wall.lead_unit())._suptitle.get_text()
+    curve = pv_loops(result).axes[0].lines[0]
+    assert np.array_equal(curve.get_xdata(), result.volume["LV"])  # open, all that was run
+    assert result.ecg_surrogate() is None  # the ventricles have no trace of their own
+
+
+def test_run_ended_within_a_later_beat(part_of_beat, tmp_path):
+    path, end = part_of_beat("ventricles", beats_before=2)
+    from result import Result
+    from tissue import tissue_walls
+
+    result = Result(path)
+    period = result.period
+    assert period > 1.5 * end
+    write_series(tmp_path / "part.ventricles.fields", period, beats=3, frames_per_beat=16)
+    (wall,) = tissue_walls(result)
+    assert wall.frames[0][0] == pytest.approx(0) and wall.frames[-1][0] <= end + 1e-6
+    assert f"within beat 3, at {1e3 * (2 * period + end):g} ms ({1e3 * end:g} ms into the beat)" in result.what_is_missing()
+
+
+def test_fields_of_another_run_are_not_drawn(part_of_beat, tmp_path):
+    path, end = part_of_beat("ventricles")
+    with h5py.File(path, "a") as file:
+        scene = file["provenance/scene"][()].decode() + '\n[walls.ventricles]\nkind = "tissue"\nfields_every_ms = 0\n'
+        del file["provenance/scene"]
+        file["provenance/scene"] = np.bytes_(scene)
+    write_series(tmp_path / "part.ventricles.fields", end, frames_per_beat=4)
+    from result import Result
+    from tissue import tissue_walls
+
+    (wall,) = tissue_walls(Result(path))
+    assert not wall.frames and "part.ventricles.fields are of another run" in wall.trouble

@@ -47,7 +47,8 @@ TEST_CASE("activation: tension is that of the reduced wall's fibre") {
       // The fibre's first middle is its calcium itself, as it knows none before.
       const double mean = step == 0 ? now : 0.5 * (before + now);
       before = now;
-      const double start = stretch_at(step), last = stretch_at(std::max(0, step - 1)), end = stretch_at(step + 1);
+      const double start = stretch_at(step), last = stretch_at(std::max(0, step - 1)),
+                   end = stretch_at(step + 1);
       activation.begin_step(dt_s, std::vector<double>(n, mean), std::vector<double>(n, start),
                             std::vector<double>(n, last), dt_s);
       fibre.begin_step(t, dt_s);
@@ -104,8 +105,8 @@ TEST_CASE("activation: strength goes over from the left to the right ventricle")
   const auto n = static_cast<std::size_t>(activation.nodes().n_local);
   for (Activation* one : {&activation, &uniform_one})
     for (int step = 0; step < 60; ++step) {
-      one->begin_step(dt_s, std::vector<double>(n, 0.6), std::vector<double>(n, 1.0), std::vector<double>(n, 1.0),
-                      dt_s);
+      one->begin_step(dt_s, std::vector<double>(n, 0.6), std::vector<double>(n, 1.0),
+                      std::vector<double>(n, 1.0), dt_s);
       one->accept(std::vector<double>(n, 1.0));
     }
   const double whole = uniform_one.tension()[0];
@@ -141,5 +142,6 @@ TEST_CASE("activation: a saved state goes on the same and lengths beyond muscle 
   CHECK_NOTHROW(activation.require_in_range(ones));
   CHECK_THROWS_WITH(activation.require_in_range(std::vector<double>(n, 2.5)),
                     Contains("sarcomere length") && Contains("volume tag 1") && Contains("mm"));
-  CHECK_THROWS_WITH(activation.require_in_range(std::vector<double>(n, 0.8)), Contains("change their length"));
+  CHECK_THROWS_WITH(activation.require_in_range(std::vector<double>(n, 0.8)),
+                    Contains("change their length"));
 }

@@ -71,8 +71,9 @@ TEST_CASE("recovery: the unloaded shape under the image's load is the image", "[
   Mechanics mechanics(partition, &fibres, mechanics_of(plan, {LV}, *image));
   const double pressure = plan.image_pressure_mmHg[LV] * units::Pa_per_mmHg;
   CHECK(pressure == Approx(1150).epsilon(5e-3));
-  find_equilibrium(mechanics, [&](double share) { return std::vector<double>{share * pressure}; },
-                   static_settings(mechanics.nodes()));
+  find_equilibrium(
+      mechanics, [&](double share) { return std::vector<double>{share * pressure}; },
+      static_settings(mechanics.nodes()));
   const auto d = partition.gather_at_vertices(mechanics.nodes(), mechanics.displacement().data(), 3, 0);
   double off = 0, moved = 0;
   for (std::size_t k = 0; k < d.size(); ++k) {
@@ -106,8 +107,7 @@ TEST_CASE("a body alone: passive filling is monotone and as the pressure says", 
   const auto by_volume = run(scene(text, {"body.reference.recover=false"}));
   CHECK(by_volume["cavities"]["LV"]["pressure_mmHg"].get<double>() == Approx(15).epsilon(1e-4));
   // Tension at a prescribed volume raises the pressure.
-  const auto active =
-      run(scene(text, {"body.reference.recover=false", "body.load.active_tension_kPa=10"}));
+  const auto active = run(scene(text, {"body.reference.recover=false", "body.load.active_tension_kPa=10"}));
   CHECK(active["cavities"]["LV"]["pressure_mmHg"].get<double>() > 20);
 }
 
@@ -199,11 +199,14 @@ recover = false
   REQUIRE(mechanics.settings().surfaces.size() == 6);
   std::vector<double> loads(6, 0.0);
   loads[4] = 75 * units::Pa_per_mmHg;
-  find_equilibrium(mechanics, [&](double share) {
-    std::vector<double> p = loads;
-    for (double& value : p) value *= share;
-    return p;
-  }, static_settings(mechanics.nodes()));
+  find_equilibrium(
+      mechanics,
+      [&](double share) {
+        std::vector<double> p = loads;
+        for (double& value : p) value *= share;
+        return p;
+      },
+      static_settings(mechanics.nodes()));
   // Work of the pressure: along the displacement the loaded surface moves outwards.
   mechanics.assemble(loads, false);
   double work = 0;

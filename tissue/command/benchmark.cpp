@@ -90,9 +90,8 @@ void run_ellipsoid(const EllipsoidSettings& s) {
 void run_sphere(const SphereSettings& s) {
   const SphereResult r = sphere(s, MPI_COMM_WORLD);
   if (!first_rank()) return;
-  fmt::print("sphere: {}, {} mm, B {} kPa, {} tetrahedra ({}), {}\n",
-             element(s.order, s.mean_dilatation), s.size_mm, s.bulk_kPa, r.n_tetrahedra,
-             s.project_coefficients ? "the whole" : "an eighth",
+  fmt::print("sphere: {}, {} mm, B {} kPa, {} tetrahedra ({}), {}\n", element(s.order, s.mean_dilatation),
+             s.size_mm, s.bulk_kPa, r.n_tetrahedra, s.project_coefficients ? "the whole" : "an eighth",
              s.project_coefficients ? "helix +60 to -60 degrees, coefficients 8 6 3 12 3 3"
                                     : "helix-independent law");
   constexpr double incompressible[] = {113.5527, 141.9279, 174.2699};
