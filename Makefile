@@ -7,7 +7,7 @@
 #   make nightly     the long tests: sanitizers, minimal build, formatting, extremes, fuzzing, benchmarks
 #   make trade       measure the tables of docs/trade.md and docs/extremes.md on this machine
 #   make benchmarks-3d  run the published verification problems of the tissue and write docs/benchmarks-3d.md
-#   make tissue-tables  measure the tables of docs/tissue.md: cost, ranks, stabilisations
+#   make tissue-tables  measure cost, ranks, main scene and stabilisations of the tissue for docs/tissue-measured.md
 #   make trade-3d    measure error against cost of the tissue's settings, for docs/trade-3d.md
 #   make reference   write docs/reference from the models' own fact sheets
 #   make format      format the C++ sources
@@ -102,7 +102,7 @@ nightly: setup
 	@WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) WIGGERS_REFERENCE=none $(PYTHON) -m pytest -q -p no:cacheprovider tests/python/fuzz_scenes.py
 	@$(BUILD)/test_heart "[.nightly]"
 	@$(BUILD)/test_tissue "[.nightly]"
-	@$(MAKE) --no-print-directory benchmarks-3d heartbeat-3d
+	@$(MAKE) --no-print-directory benchmarks-3d tissue-tables heartbeat-3d
 	@WIGGERS_NIGHTLY=1 WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) PYTHONPATH=$(CURDIR)/$(BUILD)/python \
 	  $(PYTHON) -m pytest -q -s -p no:cacheprovider tests/python/test_calibration.py -k intervals
 	@$(PYTHON) -m pip install --quiet mpi4py && PYTHONPATH=$(CURDIR)/$(BUILD)/python \
@@ -117,10 +117,10 @@ benchmarks-3d: tissue
 	@cmake --build $(BUILD) -j $(JOBS) --target wiggers-3d
 	@$(PYTHON) docs/make_benchmarks_3d.py $(BUILD)/wiggers-3d docs $(RANKS)
 
-# Cost against mesh size, ranks and stabilisations of the tissue, for docs/tissue.md (twenty minutes).
+# Cost, ranks, the main scene and stabilisations of the tissue, for docs/tissue-measured.md (twenty minutes).
 tissue-tables: tissue
 	@cmake --build $(BUILD) -j $(JOBS) --target wiggers-3d
-	@$(PYTHON) docs/make_tissue_tables.py $(BUILD)/wiggers-3d
+	@$(PYTHON) docs/make_tissue_tables.py $(BUILD)/wiggers-3d docs
 
 # Error against cost of the tissue's settings, for docs/trade-3d.md (some minutes).
 trade-3d: tissue
