@@ -110,6 +110,13 @@ std::pair<std::string, double> parse_assignment(std::string_view text, std::stri
   return {name, parse_number(text.substr(equals + 1), fmt::format("{} {}", option, name))};
 }
 
+std::string failure_text(std::string_view message, const std::string& kept_in) {
+  std::string text(message);
+  if (!text.empty() && text.back() != '.') text += '.';
+  if (!kept_in.empty()) text += fmt::format(" The last good state is in {}.", kept_in);
+  return text;
+}
+
 std::string to_text(double value) { return fmt::format("{}", value); }
 
 }  // namespace wiggers

@@ -50,6 +50,9 @@ std::pair<std::string, double> parse_assignment(std::string_view text, std::stri
 // Parses a whole string as a finite or infinite number; refuses anything else, naming `where`.
 double parse_number(std::string_view text, std::string_view where);
 
+// A failure's message as a sentence, followed by where the last good state is, if it was kept.
+std::string failure_text(std::string_view message, const std::string& kept_in = "");
+
 // Shortest text that reads back as the same double.
 std::string to_text(double value);
 

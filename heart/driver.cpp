@@ -171,7 +171,7 @@ void HeartDriverOf<T>::balance(const T& t, const T& dt, BeatAudit& audit, std::a
         error = std::abs(value_of(mismatch[c]));
         worst = c;
       }
-    // Walls take the same share of the correction as the pressures do.
+    // Walls take the same share of the correction as the pressures do, the least that any of them can.
     const std::array<T, n_chambers> whole_change = times(across, dp, 1.0);
     const auto change_of = [](const WallOf<T>& wall, const std::array<T, n_chambers>& all, T* own) {
       const auto cavities = wall.cavities();

@@ -18,13 +18,6 @@ namespace wiggers {
 
 namespace {
 
-// The message as a sentence, whatever its end.
-std::string sentence(const char* message) {
-  std::string text(message);
-  if (!text.empty() && text.back() != '.') text += '.';
-  return text;
-}
-
 // Where a column of the trace stands in the result file.
 std::string place_of(const std::string& name) {
   const auto is_one_of = [](const auto& names, std::string_view wanted) {
@@ -42,7 +35,10 @@ std::string place_of(const std::string& name) {
 
 }  // namespace
 
-HeartRun::HeartRun(Scene scene) : scene_(std::move(scene)) {}
+HeartRun::HeartRun(Scene scene) : scene_(std::move(scene)) {
+  if (scene_.physics != Physics::heart)
+    throw InputError("this needs a heart in the closed loop; a [body] of tissue alone is for wiggers run");
+}
 
 void HeartRun::prepare(Progress::Style style) {
   const auto begin = Clock::now();
@@ -224,15 +220,15 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
   const long steps_per_checkpoint =
       has_tissue_ ? std::max(1L, std::lround(scene_.checkpoint_every_ms * units::s_per_ms / scene_.dt_s)) : 0;
   if (result && has_tissue_) open_fields(*result, beat_ != nullptr || cost_.beats > 0);
-  if (has_tissue_ && !beat_ && cost_.beats == 0) {
-    // What the start cost, the unloaded shape above all, is not to be lost by a failure early in the first
-    // beat.
+  if (has_tissue_) {
+    // What the start cost, the unloaded shape above all, is not to be lost by an early failure.
     if (result)
       checkpoint(*result);
     else
       driver_->restore(driver_->save());
   }
-  std::vector<double> good = driver_->save();
+  std::vector<double> good;  // to go back to
+  if (!has_tissue_) good = driver_->save();
   while (!finished()) {
     stop_if_asked(cost_.beats);
     if (!beat_) {
@@ -268,9 +264,8 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
       // Keep the last good state; an extrapolated start that failed is given up for a plain one. A beat that
       // was saved on the way is left as it was saved.
       if (has_tissue_) {
-        throw NumericalFailure(fmt::format(
-            "at {:.4f} s (beat {}): {}{}", where, cost_.beats + 1, sentence(failure.what()),
-            result ? fmt::format(" The last good state is in {}.", result->string()) : std::string()));
+        throw NumericalFailure(fmt::format("at {:.4f} s (beat {}): {}", where, cost_.beats + 1,
+                                           failure_text(failure.what(), result ? result->string() : "")));
       }
       beat_.reset();
       driver_->restore(good);
@@ -279,9 +274,8 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
       if (!recovered) {
         cost_.heart_s = heart_before + seconds_since(begin);
         if (result) write(*result, driver_->save());
-        throw NumericalFailure(fmt::format(
-            "beat {}: {}{}", cost_.beats + 1, sentence(failure.what()),
-            result ? fmt::format(" The last good state is in {}.", result->string()) : std::string()));
+        throw NumericalFailure(fmt::format("beat {}: {}", cost_.beats + 1,
+                                           failure_text(failure.what(), result ? result->string() : "")));
       }
     }
     ++cost_.beats;

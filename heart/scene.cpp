@@ -278,9 +278,15 @@ SettingsTable* table_in(const SettingsTable& table, const std::string& name) {
 // takes the place of the walls for each of them, and the other way round; a number of beats that of another
 // end.
 void make_room(SettingsTable& base, const SettingsTable& changes) {
-  if (const SettingsTable* run = table_in(changes, "run");
-      run && run->entries.contains("beats") && !run->entries.contains("until"))
-    if (SettingsTable* below = table_in(base, "run")) below->entries.erase("until");
+  const SettingsTable* run = table_in(changes, "run");
+  if (SettingsTable* below = table_in(base, "run"); run && below) {
+    const bool beats = run->entries.contains("beats"), until = run->entries.contains("until");
+    if (beats && !until) below->entries.erase("until");
+    if (until && !beats) {
+      const auto* end = std::get_if<std::string>(&run->entries.at("until").data);
+      if (end && *end == "limit-cycle") below->entries.erase("beats");
+    }
+  }
   SettingsTable* there = table_in(base, "walls");
   const SettingsTable* named = table_in(changes, "walls");
   if (!there || !named) return;
@@ -357,6 +363,17 @@ void read_body(SettingsReader& reader, Scene& scene) {
     read_cell_solver(reader.table("solver"), scene);
     scene.end_ms = run.number(scene_keys::end);
     scene.rows_every_ms = run.number(scene_keys::rows_every);
+    // Steps are of one length: rows divide the beat and the run.
+    const auto divides = [&](double whole_ms) {
+      const double rows = whole_ms / scene.rows_every_ms;
+      return rows > 0.5 && std::abs(rows - std::round(rows)) < 1e-6;
+    };
+    if (!divides(scene.period_s * units::ms_per_s))
+      throw InputError(fmt::format("{} = {} does not divide the period, {} ms", run.place("rows_every_ms"),
+                                   scene.rows_every_ms, scene.period_s * units::ms_per_s));
+    if (!divides(scene.end_ms))
+      throw InputError(fmt::format("{} = {} is not a multiple of rows_every_ms = {}", run.place("end_ms"),
+                                   scene.end_ms, scene.rows_every_ms));
     scene.checkpoint_every_ms = run.number(scene_keys::checkpoint_ms);
   } else {
     scene.load_steps = static_cast<int>(run.integer(scene_keys::load_steps));

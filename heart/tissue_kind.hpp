@@ -39,7 +39,7 @@ struct BodyOutcome {
 };
 
 struct TissueKind {
-  // Reads the wall's table into plan.tissue, plan.cavities and plan.fibres.
+  // Reads the table of a wall or body, but for its cells, into plan.tissue; of a body also its cavities.
   std::function<void(SettingsReader& table, const Scene& scene, WallPlan& plan)> read;
   std::function<std::unique_ptr<Wall>(const Scene& scene, const WallPlan& plan,
                                       const std::map<std::string, PacedCellType>& cells)>

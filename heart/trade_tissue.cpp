@@ -66,7 +66,8 @@ Window run_window(const std::filesystem::path& file, std::vector<std::string> ov
 }  // namespace
 
 bool has_tissue(const std::filesystem::path& scene, const std::vector<std::string>& overrides) {
-  return !tissue_wall(read_scene(scene, overrides)).empty();
+  const Scene read = read_scene(scene, overrides);
+  return read.physics == Physics::heart && !tissue_wall(read).empty();
 }
 
 TradeStudy trade_tissue(const std::filesystem::path& scene, const std::vector<std::string>& overrides,
@@ -119,17 +120,18 @@ TradeStudy trade_tissue(const std::filesystem::path& scene, const std::vector<st
       {"ionic currents", "SVI", {coarse, ep + "ionic_currents=svi"}},
       {"feedback", "none", {coarse, ep + "mechano_electric_feedback=false"}}};
   const std::vector<std::string> fine_mesh = {wall + "size_mm=4"};
-  const std::vector<Job> meshes = {{"mesh, P2 potential, P1", "8 mm", {coarse}},
-                                   {"mesh, P2 potential, P1", "6 mm", {wall + "size_mm=6"}},
-                                   {"mesh, P2 potential, P1", "5 mm", {wall + "size_mm=5"}},
-                                   {"mesh, P1 potential, P1", "8 mm", {coarse, ep + "order=1"}},
-                                   {"mesh, P1 potential, P1", "5 mm", {wall + "size_mm=5", ep + "order=1"}},
-                                   {"mesh, P2 potential, P2",
-                                    "8 mm",
-                                    {coarse, mechanics + "order=2", mechanics + "mean_dilatation=false"}},
-                                   {"mesh, P2 potential, P2/P0", "8 mm", {coarse, mechanics + "order=2"}},
-                                   {"mesh, SVI, P1", "8 mm", {coarse, ep + "ionic_currents=svi"}},
-                                   {"mesh, SVI, P1", "6 mm", {wall + "size_mm=6", ep + "ionic_currents=svi"}}};
+  const std::vector<Job> meshes = {
+      {"mesh, P2 potential, P1", "8 mm", {coarse}},
+      {"mesh, P2 potential, P1", "6 mm", {wall + "size_mm=6"}},
+      {"mesh, P2 potential, P1", "5 mm", {wall + "size_mm=5"}},
+      {"mesh, P1 potential, P1", "6 mm", {wall + "size_mm=6", ep + "order=1"}},
+      {"mesh, P1 potential, P1", "4 mm", {wall + "size_mm=4", ep + "order=1"}},
+      {"mesh, P2 potential, P2",
+       "8 mm",
+       {coarse, mechanics + "order=2", mechanics + "mean_dilatation=false"}},
+      {"mesh, P2 potential, P2/P0", "8 mm", {coarse, mechanics + "order=2"}},
+      {"mesh, SVI, P1", "8 mm", {coarse, ep + "ionic_currents=svi"}},
+      {"mesh, SVI, P1", "6 mm", {wall + "size_mm=6", ep + "ionic_currents=svi"}}};
   study.reference = "steps: 8 mm, tau 0.0125 ms, dt 0.25 ms, no tables, tight tolerances. Mesh: 4 mm";
   const std::size_t n_all = steps.size() + meshes.size() + 2;
   std::size_t n_done = 0;
@@ -151,6 +153,10 @@ TradeStudy trade_tissue(const std::filesystem::path& scene, const std::vector<st
       } catch (const NumericalFailure& failure) {
         row.errors.clear();
         row.failure = failure.what();
+      } catch (const InputError& refusal) {
+        // A mesh so coarse that no node is stimulated.
+        row.errors.clear();
+        row.failure = refusal.what();
       }
       study.rows.push_back(row);
     }

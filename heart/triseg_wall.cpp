@@ -118,10 +118,10 @@ void TriSegWall::linearise(const double* pressures, double* volumes, double* dV_
   }
 }
 
-void TriSegWall::update(const double* dp, double) {
+void TriSegWall::update(const double* dp, double driver_share) {
   std::array<double, 4> step;
   for (int i = 0; i < 4; ++i)
-    step[i] = correction_[i] + per_pressure_[0][i] * dp[0] + per_pressure_[1][i] * dp[1];
+    step[i] = driver_share * correction_[i] + per_pressure_[0][i] * dp[0] + per_pressure_[1][i] * dp[1];
   const double share = step_share(newton_, step);
   for (int i = 0; i < 4; ++i) newton_[i] += share * step[i];
 }

@@ -47,7 +47,8 @@ class WallOf {
   // Sets the starting volumes and whatever else a first step needs; returns a first guess of the pressures.
   virtual void start(const T& t, const T* volumes, T* pressures) = 0;
 
-  // For walls that also carry the pressure of the great arteries: mmHg, before start() and each begin_step().
+  // For walls that also carry the pressure of the great arteries: mmHg, before start(), move_to() and each
+  // begin_step().
   virtual void set_arterial_pressures(const double* systemic_and_pulmonary_mmHg) {
     (void)systemic_and_pulmonary_mmHg;
   }

@@ -150,6 +150,10 @@ Activation::Activation(const Partition& partition, const FibreField* fibres, std
   me.stiffness = me.accepted = me.tension;
   me.calcium = me.tension;
   me.stretch.assign(me.space.n_local, 1.0);
+  // The tension of rest: none, where it is removed.
+  for (const Region& region : me.regions) me.read_forces(region, false);
+  me.partition.update_ghosts(me.space, me.tension.data(), 1);
+  me.accepted = me.tension;
 }
 
 Activation::~Activation() = default;
@@ -208,7 +212,8 @@ void Activation::require_in_range(std::span<const double> stretch) const {
       speed.clear();
       for (int node : region.nodes) {
         SL.push_back(SL0 * stretch[node]);
-        speed.push_back(SL0 * (stretch[node] - me.stretch[node]) / me.dt);
+        // A speed that no bridge feels may be any.
+        speed.push_back(me.rate == RateScheme::none ? 0 : SL0 * (stretch[node] - me.stretch[node]) / me.dt);
       }
       me.require_in_range(region, SL, speed);
     }

@@ -5,6 +5,7 @@
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/cell_source.hpp>
+#include <wiggers/heart/tissue_kind.hpp>
 #include <wiggers/tissue/body.hpp>
 #include <wiggers/tissue/collective.hpp>
 #include <wiggers/tissue/mesh_broadcast.hpp>
@@ -60,6 +61,7 @@ std::shared_ptr<const TetMesh> make_mesh(const TissuePlan& plan, const std::vect
     for (int chamber : chambers) closed.push_back(endocardium_of(chamber));
     const std::string& name = plan.mesh_file.empty() ? place : plan.mesh_file;
     for (const std::string& warning : require_sound(*mesh, closed, name)) notes.push_back(warning);
+    if (tissue_kind().quiet) return;
     for (const std::string& note : notes) fmt::print("note: {}: {}\n", name, note);
   });
   broadcast_mesh(*mesh, communicator);
@@ -126,6 +128,10 @@ MechanicsSettings mechanics_of(const TissuePlan& plan, const std::vector<int>& c
   s.surfaces.clear();
   for (int chamber : chambers) s.surfaces.push_back({endocardium_of(chamber), {}});
   for (int artery : arteries_of(mesh)) s.surfaces.push_back({arteries[artery].tag, {}});
+  for (const Artery& artery : arteries)
+    if (contains(plan.named_tags, artery.tag) && !contains(mesh.facet_tags, artery.tag))
+      throw InputError(
+          fmt::format("load.{}: the mesh has no facet with surface tag {}", artery.name, artery.tag));
   // A mesh from a file holds some of the tags that could be there; what the scene names must be there.
   std::erase_if(s.materials, [&](const Material& m) {
     if (contains(mesh.cell_tags, m.tag)) return false;
@@ -161,7 +167,10 @@ std::shared_ptr<const TetMesh> unloaded_shape(const TissuePlan& plan, const std:
         partition = std::make_unique<Partition>(mesh, communicator);
         return std::make_unique<Mechanics>(*partition, &fibres, mechanics_of(plan, chambers, *image));
       },
-      {}, report, [&](double share) { progress.update(share); });
+      {}, report,
+      [&](double share) {
+        if (stop_asked(communicator, progress, share, "")) throw Interrupted("stopped on request");
+      });
   progress.finish(fmt::format("{} iterations, {:.1e} mm off, smallest volume ratio {:.2f}",
                               report.fixed_point_iterations, 1e3 * report.residual_m,
                               report.smallest_volume_ratio));

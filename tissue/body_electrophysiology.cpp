@@ -10,6 +10,7 @@
 #include <wiggers/heart/provenance.hpp>
 #include <wiggers/tissue/body.hpp>
 #include <wiggers/tissue/body_run.hpp>
+#include <wiggers/tissue/collective.hpp>
 #include <wiggers/tissue/field_file.hpp>
 
 namespace wiggers {
@@ -30,7 +31,6 @@ struct ElectrophysiologyRun {
 
   double time_s = 0;  // of the model
   double start_s = 0, run_s = 0;
-  std::vector<double> earlier;  // activation of own nodes before the present beat; negative: never
   Table rows;
   std::unique_ptr<FieldSeries> series;
   double next_fields_s = -1;
@@ -55,8 +55,7 @@ struct ElectrophysiologyRun {
 
   void build(const std::map<std::string, PacedCellType>& cells) {
     mesh = make_mesh(plan, scene.walls.front().cavities, "body", communicator);
-    tissue_kind().on_first_rank([] {});
-    fibres = make_fibres(plan, *mesh);
+    collectively(communicator, [&] { fibres = make_fibres(plan, *mesh); });
     partition = std::make_unique<Partition>(mesh, communicator);
     monodomain = std::make_unique<Monodomain>(*partition, &fibres, plan.electrophysiology,
                                               ionic_regions(scene, scene.walls.front(), *mesh, cells, "body"),
@@ -92,10 +91,8 @@ struct ElectrophysiologyRun {
 
   void open_fields(bool resumed) {
     if (!request.result || plan.fields_every_ms <= 0) return;
-    std::string base = request.result->string();
-    if (base.ends_with(".h5")) base.resize(base.size() - 3);
     tissue_kind().on_first_rank([&] {
-      series = std::make_unique<FieldSeries>(base + ".body", *mesh,
+      series = std::make_unique<FieldSeries>(series_beside(*request.result, "body"), *mesh,
                                              resumed ? std::optional<double>(time_s - 1e-6) : std::nullopt);
     });
     const double every = plan.fields_every_ms * units::s_per_ms;
@@ -205,35 +202,31 @@ struct ElectrophysiologyRun {
     Progress progress("electrophysiology", style);
     const double every = scene.checkpoint_every_ms * units::s_per_ms;
     double next_checkpoint = (std::floor(time_s / every + 1e-9) + 1) * every;
-    while (time_s < end_s - 1e-9) {
-      const double t = within_beat(time_s);
-      if (t < 1e-9) monodomain->forget_activation();
-      double step = std::min({row_s, end_s - time_s, scene.period_s - t});
-      // A row's length to the last bit, wherever the sum of the rows stands: a resumed run repeats it.
-      if (row_s - step < 1e-9) step = row_s;
-      monodomain->advance(t, step);
-      time_s += step;
-      add_row();
-      write_fields();
-      run_s = before + seconds_since(begin);
-      bool stop = tissue_kind().any_rank(interrupt_requested());
-      try {
-        progress.update(time_s / end_s, fmt::format("{:.0f} ms", time_s * units::ms_per_s));
-      } catch (const Interrupted&) {
-        stop = true;
+    try {
+      while (time_s < end_s - 1e-9) {
+        const double t = within_beat(time_s);
+        if (t < 1e-9) monodomain->forget_activation();
+        monodomain->advance(t, row_s);
+        time_s += row_s;
+        add_row();
+        write_fields();
+        run_s = before + seconds_since(begin);
+        if (stop_asked(communicator, progress, time_s / end_s,
+                       fmt::format("{:.0f} ms", time_s * units::ms_per_s))) {
+          if (!request.result) throw Interrupted("stopped on request; no -o was given, nothing was saved");
+          checkpoint(false);
+          throw Interrupted(fmt::format("stopped on request after {:.3f} s; continue with --resume {}",
+                                        time_s, request.result->string()));
+        }
+        if (time_s > next_checkpoint - 1e-9 && time_s < end_s - 1e-9) {
+          checkpoint(false);
+          next_checkpoint += every;
+        }
       }
-      // Ranks may see the signal in different rounds.
-      stop = tissue_kind().any_rank(stop);
-      if (stop) {
-        if (!request.result) throw Interrupted("stopped on request; no -o was given, nothing was saved");
-        checkpoint(false);
-        throw Interrupted(fmt::format("stopped on request after {:.3f} s; continue with --resume {}", time_s,
-                                      request.result->string()));
-      }
-      if (time_s > next_checkpoint - 1e-9 && time_s < end_s - 1e-9) {
-        checkpoint(false);
-        next_checkpoint += every;
-      }
+    } catch (const NumericalFailure& failure) {
+      throw NumericalFailure(
+          fmt::format("at {:.4f} s: {}", time_s,
+                      failure_text(failure.what(), request.result ? request.result->string() : "")));
     }
     checkpoint(true);
     progress.finish(fmt::format("{:.0f} ms", time_s * units::ms_per_s));
@@ -253,10 +246,9 @@ BodyOutcome run_body_electrophysiology(const Scene& scene, const BodyRequest& re
     run.start_s = seconds_since(begin);
   }
   run.open_fields(request.resume.has_value());
-  if (!request.resume) {
-    run.add_row();
-    run.write_fields();
-  }
+  if (!request.resume) run.add_row();
+  run.write_fields();
+  run.checkpoint(false);
   run.advance();
   const auto summary = run.summary();
   std::string text = fmt::format("activated      {:.1f} % of the nodes\n",
@@ -267,9 +259,10 @@ BodyOutcome run_body_electrophysiology(const Scene& scene, const BodyRequest& re
                         summary["activation"]["last_ms"].get<double>());
   const MonodomainCost& cost = run.monodomain->cost();
   text += fmt::format(
-      "cost: start {:.2f} s, {:.0f} ms in {:.2f} s (cells {:.2f}, right-hand sides {:.2f}, linear systems "
+      "cost: start {:.2f} s, {:.0f} ms in {:.2f} s ({}cells {:.2f}, right-hand sides {:.2f}, linear systems "
       "{:.2f})\n",
-      run.start_s, run.time_s * units::ms_per_s, run.run_s, cost.ionic_s, cost.right_side_s, cost.solve_s);
+      run.start_s, run.time_s * units::ms_per_s, run.run_s, request.resume ? "since the resume: " : "",
+      cost.ionic_s, cost.right_side_s, cost.solve_s);
   return {text, summary.dump()};
 }
 

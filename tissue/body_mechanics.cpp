@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/stopwatch.hpp>
 #include <wiggers/core/table.hpp>
@@ -37,7 +38,6 @@ struct MechanicsRun {
 
   double share = 0;               // of the load
   std::vector<double> pressures;  // Pa: chambers, then arteries
-  EquilibriumReport last;
   long newton = 0;
   double start_s = 0, run_s = 0;
   Table rows;
@@ -109,7 +109,7 @@ struct MechanicsRun {
     const double from = share;
     const EquilibriumSettings settings = static_settings(mechanics->nodes());
     const std::vector<double> before = loads_at(from), after = loads_at(next);
-    last = find_equilibrium(
+    EquilibriumReport report = find_equilibrium(
         *mechanics,
         [&](double s) {
           std::vector<double> p = before;
@@ -121,26 +121,16 @@ struct MechanicsRun {
           return plan.active_tension_kPa > 0 ? tension_at(from + s * (next - from))
                                              : std::vector<CellTension>{};
         });
-    newton += last.newton_iterations;
     pressures = after;
-    constexpr int most_rounds = 30;
-    for (int round = 0;; ++round) {
-      double worst = 0;
-      const std::vector<double> volumes = mechanics->assemble(pressures, false).volumes_m3;
-      for (std::size_t k = 0; k < chambers.size(); ++k)
-        if (const auto& whole = plan.loads[chambers[k]].volume_mL)
-          worst = std::max(worst, std::abs(unloaded_mL[k] + next * (*whole - unloaded_mL[k]) -
-                                           volumes[k] / units::m3_per_mL));
-      if (worst <= 1e-5) break;
-      if (round == most_rounds)
-        throw NumericalFailure(
-            fmt::format("the cavities do not reach their volumes together, {:.2g} mL are missing", worst));
-      for (std::size_t k = 0; k < chambers.size(); ++k)
-        if (const auto& whole = plan.loads[chambers[k]].volume_mL)
-          pressures[k] = inflate_to_volume(
-              *mechanics, static_cast<int>(k),
-              units::m3_per_mL * (unloaded_mL[k] + next * (*whole - unloaded_mL[k])), pressures, settings);
-    }
+    std::vector<std::optional<double>> wanted_m3(chambers.size());
+    bool any = false;
+    for (std::size_t k = 0; k < chambers.size(); ++k)
+      if (const auto& whole = plan.loads[chambers[k]].volume_mL) {
+        wanted_m3[k] = units::m3_per_mL * (unloaded_mL[k] + next * (*whole - unloaded_mL[k]));
+        any = true;
+      }
+    if (any) reach_volumes(*mechanics, wanted_m3, pressures, settings, report);
+    newton += report.newton_iterations;
     share = next;
   }
 
@@ -166,10 +156,8 @@ struct MechanicsRun {
 
   void open_fields(bool resumed) {
     if (!request.result || !plan.fields_every_step) return;
-    std::string base = request.result->string();
-    if (base.ends_with(".h5")) base.resize(base.size() - 3);
     tissue_kind().on_first_rank([&] {
-      series = std::make_unique<FieldSeries>(base + ".body", *mesh,
+      series = std::make_unique<FieldSeries>(series_beside(*request.result, "body"), *mesh,
                                              resumed ? std::optional<double>(share + 1e-9) : std::nullopt);
     });
   }
@@ -240,8 +228,11 @@ struct MechanicsRun {
       file.dataset("/checkpoint/points", points, "m", "unloaded points");
       file.dataset("/checkpoint/displacement", displacement, "m", "of the nodes");
       file.dataset("/checkpoint/pressures", pressures, "Pa", "cavities, arteries");
-      file.dataset("/checkpoint/run", {share, start_s, run_s, static_cast<double>(newton)}, "mixed",
-                   "share of the load, costs, Newton iterations");
+      file.dataset("/checkpoint/run",
+                   {share, start_s, run_s, static_cast<double>(newton),
+                    static_cast<double>(recovery.fixed_point_iterations), recovery.smallest_volume_ratio,
+                    recovery.smallest_dihedral_deg},
+                   "mixed", "share of the load, costs, Newton iterations, recovery of the unloaded shape");
       file.write(*request.result);
     });
   }
@@ -254,6 +245,7 @@ struct MechanicsRun {
     open_fields(false);
     add_row();
     write_fields();
+    write(false);  // what the unloaded shape cost is not to be lost
   }
 
   void resume() {
@@ -274,6 +266,9 @@ struct MechanicsRun {
     start_s = run.at(1);
     run_s = run.at(2);
     newton = static_cast<long>(run.at(3));
+    recovery.fixed_point_iterations = static_cast<int>(run.at(4));
+    recovery.smallest_volume_ratio = run.at(5);
+    recovery.smallest_dihedral_deg = run.at(6);
     for (Column& column : rows.columns) column.values = file.dataset(column.name);
     open_fields(true);
   }
@@ -293,8 +288,8 @@ struct MechanicsRun {
         write_fields();
         run_s = before + seconds_since(begin);
         write(share >= 1 - 1e-9);
-        progress.update(share, fmt::format("{:.0f} % of the load", 100 * share));
-        if (tissue_kind().any_rank(interrupt_requested())) throw Interrupted("stopped on request");
+        if (stop_asked(communicator, progress, share, fmt::format("{:.0f} % of the load", 100 * share)))
+          throw Interrupted("");
       }
     } catch (const Interrupted&) {
       throw Interrupted(
@@ -303,11 +298,10 @@ struct MechanicsRun {
               : std::string("stopped on request; no -o was given, nothing was saved"));
     } catch (const NumericalFailure& failure) {
       throw NumericalFailure(
-          fmt::format("between {:.1f} % and the next step of the load: {}.{}", 100 * share, failure.what(),
-                      request.result && share > 0
-                          ? fmt::format(" The last good state is in {}.", request.result->string())
-                          : std::string()));
+          fmt::format("after {:.1f} % of the load: {}", 100 * share,
+                      failure_text(failure.what(), request.result ? request.result->string() : "")));
     }
+    if (request.resume) write(true);  // perhaps into another file, with nothing left to do
     progress.finish(fmt::format("{} Newton iterations", newton));
   }
 

@@ -10,8 +10,8 @@
 namespace wiggers {
 
 // Rows every run.rows_every_ms up to run.end_ms; the period repeats the stimuli. Datasets /time and
-// /body/{activated_share, membrane_potential, calcium, lead_k}; at the end /body/activation, the last
-// activation of each vertex of the mesh.
+// /body/{activated_share, membrane_potential, calcium, lead_k}, and /body/activation: when each vertex of the
+// mesh was activated in the present beat.
 BodyOutcome run_body_electrophysiology(const Scene& scene, const BodyRequest& request, MPI_Comm communicator);
 
 // Equilibria at equal shares of the load. Datasets /load (the share), /cavities/X/{pressure, volume} and

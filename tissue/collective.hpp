@@ -7,6 +7,7 @@
 #include <exception>
 #include <string>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/progress.hpp>
 
 namespace wiggers {
 
@@ -42,6 +43,18 @@ void collectively(MPI_Comm communicator, Work&& work) {
   if (kind == 1) throw NumericalFailure(message);
   if (kind == 2) throw InputError(message);
   throw ResourceError(message);
+}
+
+// Shows progress and says, on all ranks alike, whether any of them was asked to stop.
+inline bool stop_asked(MPI_Comm communicator, Progress& progress, double fraction, const std::string& note) {
+  int stop = interrupt_requested() ? 1 : 0;
+  try {
+    progress.update(fraction, note);
+  } catch (const Interrupted&) {
+    stop = 1;
+  }
+  MPI_Allreduce(MPI_IN_PLACE, &stop, 1, MPI_INT, MPI_MAX, communicator);
+  return stop != 0;
 }
 
 }  // namespace wiggers

@@ -160,8 +160,9 @@ EquilibriumReport find_equilibrium(Mechanics& mechanics, const LoadPath& loads,
 }
 
 double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3, std::vector<double> pressures,
-                         const EquilibriumSettings& settings, double* slope) {
-  EquilibriumReport report;
+                         const EquilibriumSettings& settings, double* slope, EquilibriumReport* counted) {
+  EquilibriumReport own;
+  EquilibriumReport& report = counted ? *counted : own;
   Newton newton(mechanics, settings, report);
   mechanics.set_step(0);
   const double start = mechanics.assemble(pressures, false).volumes_m3[surface];
@@ -199,6 +200,7 @@ double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3, st
       right = mechanics.residual();
       for (double& value : right) value = -value;
       if (!newton.solve(right, y) || !newton.solve(mechanics.load(surface), Y)) break;
+      ++report.newton_iterations;
       // dd = y - Y dp, and -b.dd = mismatch.
       const double compliance = mechanics.product(mechanics.load(surface), Y);
       const double dp = (mismatch + mechanics.product(mechanics.load(surface), y)) / compliance;
@@ -226,6 +228,28 @@ double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3, st
                                          100 * s, newton.failure));
   }
   return pressures[surface];
+}
+
+void reach_volumes(Mechanics& mechanics, const std::vector<std::optional<double>>& volumes_m3,
+                   std::vector<double>& pressures, const EquilibriumSettings& settings,
+                   EquilibriumReport& report) {
+  constexpr int most_rounds = 30;
+  constexpr double good_enough_m3 = 1e-11;  // 1e-5 mL
+  for (int round = 0;; ++round) {
+    const std::vector<double> now = mechanics.assemble(pressures, false).volumes_m3;
+    double worst = 0;
+    for (std::size_t k = 0; k < volumes_m3.size(); ++k)
+      if (volumes_m3[k]) worst = std::max(worst, std::abs(now[k] - *volumes_m3[k]));
+    // Volumes alone say nothing of the balance: once round at least.
+    if (round > 0 && worst <= good_enough_m3) return;
+    if (round == most_rounds)
+      throw NumericalFailure(fmt::format(
+          "the cavities do not reach their volumes together, {:.2g} mL are missing", 1e6 * worst));
+    for (std::size_t k = 0; k < volumes_m3.size(); ++k)
+      if (volumes_m3[k])
+        pressures[k] = inflate_to_volume(mechanics, static_cast<int>(k), *volumes_m3[k], pressures, settings,
+                                         nullptr, &report);
+  }
 }
 
 }  // namespace wiggers

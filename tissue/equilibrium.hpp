@@ -7,6 +7,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -51,6 +52,12 @@ EquilibriumReport find_equilibrium(Mechanics& mechanics, const LoadPath& loads,
 // tells stability.
 double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3,
                          std::vector<double> pressures_Pa, const EquilibriumSettings& settings = {},
-                         double* slope = nullptr);
+                         double* slope = nullptr, EquilibriumReport* report = nullptr);
+
+// Several surfaces to their volumes (m3), those without one at their pressure: one after the other, round and
+// round, as each moves the others. `pressures_Pa` follow; the work is added to the report.
+void reach_volumes(Mechanics& mechanics, const std::vector<std::optional<double>>& volumes_m3,
+                   std::vector<double>& pressures_Pa, const EquilibriumSettings& settings,
+                   EquilibriumReport& report);
 
 }  // namespace wiggers

@@ -207,4 +207,10 @@ void FieldSeries::remove_unlisted_frames() const {
   for (const fs::path& path : superfluous) fs::remove(path);
 }
 
+std::string series_beside(const std::filesystem::path& result, const std::string& name) {
+  std::string base = result.string();
+  if (base.ends_with(".h5")) base.resize(base.size() - 3);
+  return base + "." + name;
+}
+
 }  // namespace wiggers

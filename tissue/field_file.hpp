@@ -40,6 +40,9 @@ struct CellField {
 void write_vtu(const std::filesystem::path& path, const TetMesh& mesh,
                const std::vector<PointField>& point_fields, const std::vector<CellField>& cell_fields = {});
 
+// Where the series of a wall or body stands beside a result: RESULT.h5 and LV give RESULT.LV.
+std::string series_beside(const std::filesystem::path& result, const std::string& name);
+
 class FieldSeries {
  public:
   // `path` is the folder; ".fields" is appended unless it ends so. `mesh` must outlive the series.

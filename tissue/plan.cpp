@@ -147,6 +147,11 @@ void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& wall) {
                                  wall.cavities.size()));
   read_fibre_rule(table, *plan);
   if (scene.physics != Physics::mechanics) {
+    if (shape == "heart" && wall.fibres.size() == 1)
+      throw InputError(
+          fmt::format("{}: this shape has atria: name their cells by tables cells.ventricles "
+                      "and cells.atria",
+                      table.place("cells")));
     const bool with_atria = wall.fibres.size() == 2 || shape == "heart";
     read_electrophysiology(table, !alone, with_atria, *plan);
     read_stimuli(table, scene.period_s, *plan);

@@ -107,26 +107,36 @@ std::vector<int> named_tags(SettingsReader& table, const std::array<mesh_tags::T
 void read_load(SettingsReader& load, std::vector<int>& chambers, TissuePlan& plan) {
   std::vector<std::string> known(chamber_names.begin(), chamber_names.end());
   for (const Artery& artery : arteries) known.emplace_back(artery.name);
+  bool loaded = false;
   for (const std::string& key : load.keys()) {
-    if (!load.is_table(key)) continue;
+    if (key == keys::tension.name) continue;
     const auto at = std::find(known.begin(), known.end(), key);
     if (at == known.end()) {
+      known.emplace_back(keys::tension.name);
       try {
-        refuse_unknown("cavity", key, known);
+        refuse_unknown("load", key, known);
       } catch (const InputError& error) {
         throw InputError(fmt::format("{}: {}", load.place(key), error.what()));
       }
     }
+    loaded = true;
     const auto index = static_cast<int>(at - known.begin());
     SettingsReader& table = load.table(key);
-    if (index >= n_chambers) {
+    const bool artery = index >= n_chambers;
+    const bool is_there =
+        artery ? plan.shape == "heart" : std::find(chambers.begin(), chambers.end(), index) != chambers.end();
+    if (!plan.mesh_file.empty()) {
+      if (artery)
+        plan.named_tags.push_back(arteries[index - n_chambers].tag);
+      else if (!is_there)
+        chambers.push_back(index);
+    } else if (!is_there) {
+      throw InputError(fmt::format("{}: shape \"{}\" has no such {}", load.place(key), plan.shape,
+                                   artery ? "artery" : "cavity"));
+    }
+    if (artery) {
       plan.arterial_pressure_mmHg[index - n_chambers] = table.number(keys::pressure);
       continue;
-    }
-    if (std::find(chambers.begin(), chambers.end(), index) == chambers.end()) {
-      if (plan.mesh_file.empty())
-        throw InputError(fmt::format("{}: shape \"{}\" has no such cavity", load.place(key), plan.shape));
-      chambers.push_back(index);
     }
     CavityLoad& of = plan.loads[index];
     if (table.has("volume_mL") && table.has("pressure_mmHg"))
@@ -138,6 +148,11 @@ void read_load(SettingsReader& load, std::vector<int>& chambers, TissuePlan& pla
       of.pressure_mmHg = table.number(keys::pressure);
   }
   plan.active_tension_kPa = load.number(keys::tension);
+  if (!loaded && !(plan.active_tension_kPa > 0))
+    throw InputError(
+        fmt::format("{}: nothing is loaded; name a cavity's pressure_mmHg or volume_mL, or "
+                    "active_tension_kPa",
+                    load.place("LV")));
 }
 
 }  // namespace

@@ -51,8 +51,10 @@ class Mixing {
       Eigen::MatrixXd R(n, m);
       for (Eigen::Index k = 0; k < m; ++k)
         R.col(k) = Eigen::Map<const Eigen::VectorXd>(differences_[k].data(), n);
-      const Eigen::VectorXd share =
-          R.colPivHouseholderQr().solve(Eigen::Map<const Eigen::VectorXd>(residual.data(), n));
+      // Nearly dependent differences count as one.
+      Eigen::ColPivHouseholderQR<Eigen::MatrixXd> factors(R);
+      factors.setThreshold(1e-8);
+      const Eigen::VectorXd share = factors.solve(Eigen::Map<const Eigen::VectorXd>(residual.data(), n));
       for (Eigen::Index k = 0; k < m; ++k)
         for (Eigen::Index i = 0; i < n; ++i)
           change[i] -= share(k) * (changes_[k][i] + relaxation_ * differences_[k][i]);
@@ -206,7 +208,8 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
       if (step < settings.smallest_step)
         throw NumericalFailure(fmt::format(
             "recovery of the reference configuration: stopped at {:.0f} % of the image's load: {}. Lower "
-            "image_pressure_mmHg, stiffen the material, or set reference.recover = false",
+            "the pressures of [reference], image_pressure_..._mmHg, stiffen the material, or set "
+            "reference.recover = false",
             100 * share, failure));
     }
   }

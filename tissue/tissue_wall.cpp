@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <optional>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/progress.hpp>
 #include <wiggers/core/stopwatch.hpp>
@@ -13,6 +14,7 @@
 #include <wiggers/tissue/collective.hpp>
 #include <wiggers/tissue/equilibrium.hpp>
 #include <wiggers/tissue/field_file.hpp>
+#include <wiggers/tissue/mesh_geometry.hpp>
 #include <wiggers/tissue/tissue_wall.hpp>
 
 namespace wiggers {
@@ -22,7 +24,7 @@ namespace {
 constexpr int most_halvings = 7;
 
 struct Cost {
-  double electrophysiology_s = 0, activation_s = 0, assembly_s = 0, solve_s = 0, feedback_s = 0, other_s = 0;
+  double electrophysiology_s = 0, activation_s = 0, assembly_s = 0, solve_s = 0, feedback_s = 0;
   long steps = 0, tangents = 0, residuals = 0, solves = 0, solver_iterations = 0, halvings = 0, rejected = 0,
        rescues = 0;
 };
@@ -83,7 +85,6 @@ struct TissueWall::Implementation {
   double next_fields_s = -1;
   bool fields_open = false;
   Cost cost;
-  double lead = 0;
 
   std::size_t n_cavities() const { return chambers.size(); }
   // Pressures of the cavities with those of the arteries behind them.
@@ -123,10 +124,7 @@ struct TissueWall::Implementation {
         ep_node[at[k]] = ep[k];
         region_of_node[at[k]] = region;
       }
-      const auto& v = mesh->cells[file];
-      const Vector3 a = mesh->points[v[1]] - mesh->points[v[0]], b = mesh->points[v[2]] - mesh->points[v[0]],
-                    d = mesh->points[v[3]] - mesh->points[v[0]];
-      cell_volume[c] = dot(cross(a, b), d) / 6;
+      cell_volume[c] = wiggers::cell_volume(*mesh, file);
     }
     stretch.assign(vertices.n_local, 1.0);
     stretch_before = stretch;
@@ -216,25 +214,18 @@ struct TissueWall::Implementation {
                                          balance.smallest_J, mechanics->place_of_cell(balance.worst_cell)));
   }
 
-  // Static equilibrium at these volumes (mL). Several cavities one after the other, round and round, as each
-  // moves the others.
+  // Static equilibrium at these volumes.
   void bring_to_volumes(const double* volumes_mL, std::vector<double>& p) {
     EquilibriumSettings statics = static_settings(mechanics->nodes());
     statics.relative_tolerance = 1e-6;
-    constexpr int most_rounds = 30;
-    double worst = 0;
-    for (int round = 0; round < most_rounds; ++round) {
-      for (std::size_t k = 0; k < n_cavities(); ++k)
-        p[k] =
-            inflate_to_volume(*mechanics, static_cast<int>(k), volumes_mL[k] * units::m3_per_mL, p, statics);
-      const auto now = mechanics->assemble(p, false).volumes_m3;
-      worst = 0;
-      for (std::size_t k = 0; k < n_cavities(); ++k)
-        worst = std::max(worst, std::abs(now[k] / units::m3_per_mL - volumes_mL[k]));
-      if (worst <= 1e-5) return;
+    std::vector<std::optional<double>> wanted_m3;
+    for (std::size_t k = 0; k < n_cavities(); ++k) wanted_m3.emplace_back(volumes_mL[k] * units::m3_per_mL);
+    EquilibriumReport report;
+    try {
+      reach_volumes(*mechanics, wanted_m3, p, statics, report);
+    } catch (const NumericalFailure& failure) {
+      throw NumericalFailure(fmt::format("walls.{}: {}", name, failure.what()));
     }
-    throw NumericalFailure(fmt::format(
-        "walls.{}: the cavities do not reach their volumes together, {:.2g} mL are missing", name, worst));
   }
 
   void after_displacement_changed() {
@@ -293,9 +284,11 @@ void TissueWall::start(const double&, const double* volumes, double* pressures) 
   me.set_up(unloaded_shape(me.plan, me.chambers, me.image, fmt::format("walls.{}", me.name),
                            me.progress_style(), me.communicator, me.recovery));
 
-  // The initial displacement: in equilibrium at the volumes wanted, without active stress.
+  // The initial displacement: in equilibrium at the volumes wanted, with the tension of rest.
   Progress progress(fmt::format("walls.{}: initial displacement", me.name), me.progress_style());
-  me.mechanics->set_tension({});
+  std::vector<CellTension> rest = me.cell_tension();
+  for (CellTension& cell : rest) cell.stiffness = {};
+  me.mechanics->set_tension(rest);
   std::vector<double> p = me.loaded(std::vector<double>(me.n_cavities(), 0.0));
   if (!me.arteries_here.empty())
     find_equilibrium(

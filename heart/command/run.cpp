@@ -92,6 +92,8 @@ void add_run(CLI::App& app) {
     std::vector<std::string> overrides;
     if (!o->accuracy.empty()) {
       const HeartAccuracy& chosen = heart_accuracy(o->accuracy);
+      if (read_scene(o->scene, o->set).physics != Physics::heart)
+        throw InputError("--accuracy is of hearts in the closed loop: set the keys of [body] by --set");
       overrides = chosen.overrides;
       fmt::print("accuracy {}: {}\n", chosen.name, chosen.expected);
     }

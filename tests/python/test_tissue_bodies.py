@@ -4,6 +4,8 @@ Meshes are as coarse as they can be, as in test_tissue.py.
 """
 
 import os
+import re
+import shutil
 import signal
 import subprocess
 import time
@@ -106,6 +108,19 @@ ACTIVATION = ["run", SCENES / "activation_3d.toml", "--quiet",
                        for direction in ("fibre", "sheet", "normal")})]
 
 
+def wait_for(path, process):
+    """Until the file is there or the process has ended."""
+    for _ in range(6000):
+        if path.exists() or process.poll() is not None:
+            return
+        time.sleep(0.005)
+
+
+def field_times(result):
+    index = (result.parent / (result.stem + ".body.fields") / "index.pvd").read_text()
+    return [float(t) for t in re.findall(r'timestep="([^"]+)"', index)]
+
+
 def column(path, name):
     with h5py.File(path) as file:
         return file[name][()]
@@ -183,9 +198,24 @@ def test_filling_on_two_ranks_and_resumed(tmp_path):
     assert np.diff(one["cavities/LV/volume"], 2)[-1] < 0
     for name in ("cavities/LV/volume", "body/stretch", "body/smallest_volume_ratio"):
         assert one[name] == pytest.approx(two[name], rel=1e-7)
-    # Half of the steps, then on from there with other ranks: the scene's [run] may differ.
     files = sorted(p.name for p in (tmp_path / "1.body.fields").iterdir())
     assert files == [*(f"frame_{k:06d}.vtu" for k in range(5)), "index.pvd"]
+    # Stopped on the way, then on from there on another number of ranks: the same curve and frames.
+    process = subprocess.Popen([*words_for(1, *FILLING, "-o", "r.h5")], cwd=tmp_path, env=ENVIRONMENT)
+    wait_for(tmp_path / "r.body.fields" / "frame_000002.vtu", process)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert 1 <= len(column(tmp_path / "r.h5", "load")) < 5
+    resumed = run(*FILLING, "--resume", "r.h5", ranks=2, cwd=tmp_path)
+    assert resumed.status == 0, resumed.err
+    found = datasets(tmp_path / "r.h5")
+    assert found["provenance/status"] == b"complete"
+    for name in ("load", "cavities/LV/pressure", "cavities/LV/volume", "body/stretch"):
+        assert found[name] == pytest.approx(one[name], rel=1e-6)
+    assert sorted(p.name for p in (tmp_path / "r.body.fields").iterdir()) == files
+    # A finished one has nothing left to do, but may be asked into another file.
+    copied = run(*FILLING, "--resume", "r.h5", "-o", "copy.h5", cwd=tmp_path)
+    assert copied.status == 0 and datasets(tmp_path / "copy.h5")["cavities/LV/volume"] == pytest.approx(found["cavities/LV/volume"])
     failed = run(*FILLING, *sets(body__load__LV__pressure_mmHg=19), "--resume", "1.h5", cwd=tmp_path)
     assert failed.status == 2 and "another scene" in failed.err and "pressure_mmHg" in failed.err
 
@@ -209,17 +239,16 @@ def test_activation_killed_and_resumed_is_the_undisturbed_one(tmp_path):
     assert not any(name.startswith(("cavities", "valves", "circulation")) for name in whole)
     # Killed after the first checkpoint.
     process = subprocess.Popen([*words_for(1, *ACTIVATION, "-o", "r.h5")], cwd=tmp_path, env=ENVIRONMENT)
-    for _ in range(3000):
-        if (tmp_path / "r.h5").exists() or process.poll() is not None:
-            break
-        time.sleep(0.01)
+    wait_for(tmp_path / "r.body.fields" / "frame_000003.vtu", process)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     for ranks, copy in ((1, "one.h5"), (2, "two.h5")):
         (tmp_path / copy).write_bytes((tmp_path / "r.h5").read_bytes())
+        shutil.copytree(tmp_path / "r.body.fields", tmp_path / copy.replace(".h5", ".body.fields"))
         resumed = run(*ACTIVATION, "--resume", copy, ranks=ranks, cwd=tmp_path)
         assert resumed.status == 0, resumed.err
         found = datasets(tmp_path / copy)
+        assert field_times(tmp_path / copy) == pytest.approx(np.arange(7) * 0.01)
         for name in ("time", "body/activated_share", "body/membrane_potential", "body/calcium", "body/lead_1", "body/activation"):
             if ranks == 1:
                 assert np.array_equal(found[name], whole[name]), name
@@ -241,6 +270,10 @@ def test_activation_is_the_same_on_two_ranks_and_repeats_with_the_period(tmp_pat
 @pytest.mark.parametrize("words, expected", [
     (["--monolithic"], "monolithic"),
     (["--set", "run.beats=3"], "beats"),
+    (["--accuracy", "draft"], "--accuracy"),
+    (["--set", "run.rows_every_ms=0.7"], "does not divide the period"),
+    (["--set", "run.end_ms=10.5"], "not a multiple"),
+    (["--set", "body.shape=heart"], "cells.atria"),
     (["--set", "body.mechanics.order=2"], "mechanics"),
     (["--set", "body.stimuli.apex.z_mm=500"], "stimulus"),
     (["--set", "body.electrophysiology.tau_ms=0.5", "--set", "run.rows_every_ms=0.1"], "rows_every_ms"),
@@ -250,6 +283,16 @@ def test_refused(tmp_path, words, expected):
     assert outcome.status == 2, outcome.err
     assert expected in outcome.err
     assert not (tmp_path / "r.h5").exists()
+
+
+def test_verbs_know_what_a_body_is(tmp_path):
+    checked = run("check", SCENES / "filling_3d.toml")
+    assert checked.status == 0 and "body: tissue, mechanics alone" in checked.out
+    full = run("check", SCENES / "activation_3d.toml", "--full")
+    assert full.status == 0 and "[body.electrophysiology" in full.out
+    assert "mechanics" not in full.out and "circulation" not in full.out
+    refused = run("trade", "heart", SCENES / "activation_3d.toml", "-o", tmp_path / "t", cwd=tmp_path)
+    assert refused.status == 2, refused.err
 
 
 def test_a_mesh_in_another_unit_is_refused(tmp_path):

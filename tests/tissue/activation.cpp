@@ -117,6 +117,31 @@ TEST_CASE("activation: strength goes over from the left to the right ventricle")
   }
 }
 
+TEST_CASE("activation: the tension of rest is there from the start or never") {
+  const auto mesh = shared(rough_box({4e-3, 4e-3, 4e-3}, {1, 1, 1}));
+  const Partition partition(mesh, MPI_COMM_SELF);
+  for (const bool subtracted : {true, false}) {
+    ForceRegion at_rest = region();
+    at_rest.subtract_rest_tension = subtracted;
+    at_rest.rest_calcium_uM = 0.2;
+    Activation activation(partition, nullptr, {at_rest}, RateScheme::lagged, true);
+    const auto n = static_cast<std::size_t>(activation.nodes().n_local);
+    const double before = activation.tension()[0];
+    for (int step = 0; step < 100; ++step) {
+      activation.begin_step(dt_s, std::vector<double>(n, 0.2), std::vector<double>(n, 1.0),
+                            std::vector<double>(n, 1.0), dt_s);
+      activation.accept(std::vector<double>(n, 1.0));
+    }
+    if (subtracted) {
+      CHECK(before == 0);
+      CHECK(activation.tension()[0] < 1);
+    } else {
+      CHECK(before > 100);
+      CHECK(activation.tension()[0] == Approx(before).epsilon(1e-3));
+    }
+  }
+}
+
 TEST_CASE("activation: a saved state goes on the same and lengths beyond muscle are refused") {
   const auto mesh = shared(rough_box({4e-3, 4e-3, 4e-3}, {1, 1, 1}));
   const Partition partition(mesh, MPI_COMM_SELF);

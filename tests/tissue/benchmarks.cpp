@@ -45,6 +45,20 @@ TEST_CASE("slab: the far corner at half a millimetre", "[.nightly]") {
     CHECK(without.activation_ms[k] == Approx(half.activation_ms[k]).epsilon(2e-3));
 }
 
+TEST_CASE("slab: every probe at a quarter of a millimetre", "[.nightly]") {
+  // Mean and standard deviation of eleven codes at 0.1 mm.
+  constexpr double published_ms[9][2] = {{1.04, 0.38},  {32.23, 0.56}, {8.95, 0.56},
+                                         {33.70, 1.00}, {29.76, 1.65}, {43.97, 2.83},
+                                         {31.32, 2.12}, {44.93, 3.22}, {20.50, 1.30}};
+  SlabSettings settings;
+  settings.dx_mm = 0.25;
+  const SlabResult r = slab(settings, MPI_COMM_SELF);
+  for (int k = 0; k < SlabResult::n_probes; ++k) {
+    INFO("P" << k + 1);
+    CHECK(std::abs(r.activation_ms[k] - published_ms[k][0]) <= 2 * published_ms[k][1]);
+  }
+}
+
 TEST_CASE("beam: quadratic tetrahedra give the values of an independent code") {
   BeamSettings settings;
   settings.quadrature_degree = 5;
@@ -79,6 +93,14 @@ TEST_CASE("beam: linear tetrahedra lock and mean dilatation frees quadratic ones
   CHECK(plain < mean);
   CHECK(std::abs(mean / 4.171 - 1) < std::abs(plain / 4.171 - 1));
   CHECK(mean == Approx(4.171).epsilon(2e-2));
+}
+
+TEST_CASE("beam: a mesh graded to the clamp", "[.nightly]") {
+  BeamSettings settings;
+  settings.bricks = {20, 2, 4};
+  settings.grading = 4;
+  settings.mean_dilatation = true;
+  CHECK(beam(settings, MPI_COMM_SELF).tip_mm[2] == Approx(4.1695).epsilon(5e-3));
 }
 
 TEST_CASE("beam: four bricks across the thickness", "[.nightly]") {
@@ -142,6 +164,18 @@ TEST_CASE("sphere: the three-dimensional law follows the reduced wall") {
     CHECK(straight.volume_mL[k] < 0.98 * at_50_kPa[k]);
     CHECK(r.wall_ratio[k] - 1 == Approx(wall_ratio[k] - 1).epsilon(2e-2));
     CHECK(r.radius_spread[k] < 2e-3);
+  }
+}
+
+TEST_CASE("sphere: nearly incompressible", "[.nightly]") {
+  SphereSettings settings;
+  settings.bulk_kPa = 1e3;
+  const SphereResult r = sphere(settings, MPI_COMM_SELF);
+  constexpr double at_1000_kPa[] = {113.5774, 141.9576, 174.3031},
+                   incompressible[] = {113.5527, 141.9279, 174.2699};
+  for (int k = 0; k < 3; ++k) {
+    CHECK(r.volume_mL[k] == Approx(at_1000_kPa[k]).epsilon(2e-3));
+    CHECK(r.volume_mL[k] == Approx(incompressible[k]).epsilon(2e-3));
   }
 }
 

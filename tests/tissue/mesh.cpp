@@ -367,6 +367,22 @@ TEST_CASE("a mesh that does not fit a heart is reported and refused") {
   CHECK_THROWS_WITH(require_sound(mesh, {}, "box"), Contains("share") && Contains("volume tag 4"));
 }
 
+TEST_CASE("a wall with one element across is warned of and another unit is refused") {
+  const auto thin = [](const TetMesh& mesh) {
+    for (const std::string& warning : require_sound(mesh, std::vector<int>{24}, "ellipsoid"))
+      if (warning.find("reach through the wall") != std::string::npos) return true;
+    return false;
+  };
+  CHECK(thin(make_ellipsoid(12)));
+  EllipsoidShape thick = defaults_of(ellipsoid_quantities);
+  thick[2] = 25;
+  CHECK(check_mesh(make_ellipsoid(6, thick)).thin_share < 0.05);
+  TetMesh in_um = make_ellipsoid(12);
+  for (Point3& p : in_um.points) p = 1e3 * p;
+  CHECK_THROWS_WITH(require_sound(in_um, std::vector<int>{24}, "ellipsoid"),
+                    Contains("no size of a heart") && Contains("give the unit"));
+}
+
 TEST_CASE("ellipsoids have closed cavities and the volumes of the formula and good cells") {
   const auto [radius, length, wall, base, cap] = defaults_of(ellipsoid_quantities);
   const auto below_mL = [](double r, double l, double z) {
@@ -429,6 +445,14 @@ TEST_CASE("benchmark shapes have the volumes of their formulas") {
         Approx(M_PI / 4 * (37.1635 * 37.1635 - 27.27575 * 27.27575) / 100).epsilon(0.01));
   CHECK(sphere.untagged_triangles == 0);
   CHECK(sphere.lowest_quality >= 0.1);
+  const TetMesh whole = make_sphere(27.27575, 37.1635, 6);
+  const MeshReport sphere_of_eight = check_mesh(whole);
+  CHECK(volume_mL(sphere_of_eight, 1) ==
+        Approx(8 * volume_mL(check_mesh(make_sphere_octant(27.27575, 37.1635, 6)), 1)).epsilon(1e-9));
+  CHECK(surface(sphere_of_eight, 24).closed);
+  CHECK(surface(sphere_of_eight, 24).enclosed_mL == Approx(85).epsilon(0.02));
+  CHECK(sphere_of_eight.surfaces.size() == 2);
+  CHECK_NOTHROW(require_sound(whole, std::vector<int>{24}, "sphere"));
   for (const bool quarter : {true, false}) {
     const MeshReport land = check_mesh(make_benchmark_ellipsoid(2, 1, quarter));
     CHECK(volume_mL(land, 1) == Approx(3.23473 / (quarter ? 4 : 1)).epsilon(0.01));

@@ -307,6 +307,42 @@ TEST_CASE("excitation runs along a strip in order") {
         0);
 }
 
+TEST_CASE("currents interpolated and currents of interpolated states come to the same limit") {
+  // When the front has gone 4 mm along a strip that is one cell thin, by spacing and treatment.
+  const auto arrival = [](double dx, IonicCurrents currents) {
+    const auto n = static_cast<int>(std::lround(6e-3 / dx));
+    const Partition partition(shared(box_mesh({uniform(6e-3, n), uniform(dx, 1), uniform(dx, 1)})),
+                              MPI_COMM_SELF);
+    MonodomainSettings settings;
+    settings.order = 1;
+    settings.currents = currents;
+    Stimulus start = Strip::stimulus();
+    start.corner = {1e-3, dx, dx};
+    Monodomain monodomain(partition, nullptr, settings, {region_of({1.5e-4, 1.5e-4, 1.5e-4})}, {start});
+    monodomain.advance(0, 14e-3);
+    const NodeSpace& space = monodomain.nodes();
+    double sum = 0;
+    int count = 0;
+    for (int k = 0; k < space.n_own; ++k)
+      if (std::abs(space.points[k][0] - 4e-3) < 1e-9) {
+        REQUIRE(monodomain.activation_s()[k] > 0);
+        sum += monodomain.activation_s()[k];
+        ++count;
+      }
+    REQUIRE(count == 4);
+    return 1e3 * sum / count;
+  };
+  const auto apart = [&](double dx) {
+    return std::abs(arrival(dx, IonicCurrents::interpolated) -
+                    arrival(dx, IonicCurrents::at_quadrature_points));
+  };
+  const double coarse = apart(0.25e-3), fine = apart(0.125e-3), finest = apart(0.0625e-3);
+  INFO("apart " << coarse << ", " << fine << " and " << finest << " ms");
+  CHECK(coarse > 0.1);  // they differ where the front is not resolved
+  CHECK(fine < 0.5 * coarse);
+  CHECK(finest < 0.5 * fine);  // and come together
+}
+
 TEST_CASE("nothing of the excitation is in tissue that does not conduct") {
   Strip strip(true);
   const NodeSpace& space = strip.monodomain.nodes();
