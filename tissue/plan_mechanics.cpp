@@ -171,7 +171,9 @@ void read_mechanics(SettingsReader& table, Physics physics, std::vector<int>& ch
   s.normalised_tension = mechanics.flag("normalised_tension", true);
   if (physics == Physics::heart) {
     const std::vector<std::string> solvers = {"gmres-ilu", "gmres-gamg", "direct"};
-    const std::string solver = mechanics.choice("solver", "gmres-ilu", solvers, "linear solver");
+    // Incomplete factors do not solve quadratic tetrahedra.
+    const char* usual = s.order == 2 ? "direct" : "gmres-ilu";
+    const std::string solver = mechanics.choice("solver", usual, solvers, "linear solver");
     plan.solver = solver == "direct"       ? SolverKind::direct
                   : solver == "gmres-gamg" ? SolverKind::gmres_gamg
                                            : SolverKind::gmres_ilu;
