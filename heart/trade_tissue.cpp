@@ -91,11 +91,14 @@ TradeStudy trade_tissue(const std::filesystem::path& scene, const std::vector<st
     all.insert(all.end(), more.begin(), more.end());
     return all;
   };
-  // On so coarse a mesh conduction fails: where steps and tolerances are compared, all tissue conducts
-  // better.
+  // On so coarse a mesh conduction fails: where steps and tolerances are compared, all tissue conducts better
+  // and stimuli reach more nodes.
   std::vector<std::string> conductive;
   for (const char* direction : {"fibre", "sheet", "normal"})
     conductive.push_back(fmt::format("{}conductivity.{}_mm2_per_ms=0.8", ep, direction));
+  const std::string text = read_scene(scene, overrides).text, table = "[" + wall + "stimuli.";
+  for (std::size_t at = text.find(table); at != std::string::npos; at = text.find(table, at + 1))
+    conductive.push_back(text.substr(at + 1, text.find(']', at) - at - 1) + ".radius_mm=8");
   const std::vector<std::string> fine_steps = {coarse,
                                                ep + "tau_ms=0.0125",
                                                ep + "table_spacing_mV=0",
@@ -135,7 +138,8 @@ TradeStudy trade_tissue(const std::filesystem::path& scene, const std::vector<st
       {"mesh, SVI, P1", "8 mm", {coarse, ep + "ionic_currents=svi"}},
       {"mesh, SVI, P1", "6 mm", {wall + "size_mm=6", ep + "ionic_currents=svi"}}};
   study.reference =
-      "steps: 8 mm, conductivities of 0.8 mm2/ms, tau 0.0125 ms, dt 0.25 ms, no tables, tight tolerances. "
+      "steps: 8 mm, conductivities of 0.8 mm2/ms, stimuli of 8 mm, tau 0.0125 ms, dt 0.25 ms, no tables, "
+      "tight tolerances. "
       "Mesh: 4 mm";
   const std::size_t n_all = steps.size() + meshes.size() + 2;
   std::size_t n_done = 0;
