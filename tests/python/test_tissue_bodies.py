@@ -16,12 +16,16 @@ import pytest
 from conftest import SCENES
 from tissue_runs import COARSE, ENVIRONMENT, datasets, run, sets, words_for
 
-BOTH_VENTRICLES = f"""
+# The whole heart, with cells as they were published: nothing is paced.
+FROM_PUBLISHED = f"""
 base = "{SCENES / 'whole_heart.toml'}"
 [cells.atria]
 start = "published"
 [cells.ventricles]
 start = "published"
+"""
+
+BOTH_VENTRICLES = FROM_PUBLISHED + """
 [walls.ventricles]
 kind = "tissue"
 cells = "ventricles"
@@ -58,12 +62,7 @@ beats = 1
 stop_after_ms = 100
 """
 
-HEART = f"""
-base = "{SCENES / 'whole_heart.toml'}"
-[cells.atria]
-start = "published"
-[cells.ventricles]
-start = "published"
+HEART = FROM_PUBLISHED + """
 [walls.heart]
 kind = "tissue"
 mesh = "heart.msh"
