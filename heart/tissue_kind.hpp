@@ -46,7 +46,7 @@ struct TissueKind {
       make;
   // Runs a scene's body of tissue alone.
   std::function<BodyOutcome(const Scene& scene, const BodyRequest& request)> run_body;
-  bool quiet = false;  // walls show no progress of their own start
+  bool quiet = false;  // walls and bodies show no progress of their start and no notes on their mesh
   // Under MPI: does the work on the first rank; what it throws is thrown on all.
   std::function<void(const std::function<void()>& work)> on_first_rank = [](const auto& work) { work(); };
   // Under MPI: whether it is so on any rank.

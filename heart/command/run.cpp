@@ -59,6 +59,7 @@ void run_body(const Scene& scene, const Options& o) {
   if (!request.result && request.resume) request.result = request.resume;
   if (request.result) require_writable(*request.result, "-o");
   request.quiet = o.quiet;
+  tissue_kind().quiet = o.quiet;
   const BodyOutcome outcome = tissue_kind().run_body(scene, request);
   for (const std::string& warning : scene.warnings) fmt::print("note: {}\n", warning);
   fmt::print("{}\n\n{}", scene.title, outcome.text);
