@@ -215,7 +215,7 @@ def stabilisations(command, folder):
         done = run(command, 2, result, walls__LV__size_mm=5, walls__LV__fields_every_ms=20, **changes)
         if done.returncode:
             said = (line for line in done.stderr.splitlines() if line.startswith("wiggers:"))
-            reason = next(said, done.stderr[-300:])
+            reason = next(said, done.stderr[-300:]).replace(f"{folder}/", "")
             say(f"| {name} | {reason} | | | | | |")
             continue
         with h5py.File(result) as file:

@@ -237,12 +237,13 @@ LinearSolver::LinearSolver(const NodeMatrix& matrix, SolverKind kind) : matrix_(
       }
       break;
     case SolverKind::direct:
-      check(KSPSetType(solver_, KSPPREONLY), "KSPSetType");
+      check(KSPSetType(solver_, KSPGMRES), "KSPSetType");
+      check(KSPSetPCSide(solver_, PC_RIGHT), "side");
       check(PCSetType(preconditioner, PCLU), "PCSetType");
       check(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS), "MUMPS");
       break;
   }
-  check(KSPSetInitialGuessNonzero(solver_, kind == SolverKind::direct ? PETSC_FALSE : PETSC_TRUE), "guess");
+  check(KSPSetInitialGuessNonzero(solver_, PETSC_TRUE), "guess");
   check(KSPSetOperators(solver_, matrix.handle(), scalars_ ? scalars_ : matrix.handle()), "operators");
   check(MatCreateVecs(matrix.handle(), &x_, &b_), "MatCreateVecs");
 }
@@ -255,12 +256,38 @@ LinearSolver::~LinearSolver() {
 }
 
 void LinearSolver::matrix_changed(bool keep_preconditioner) {
+  if (kind_ == SolverKind::direct) keep_preconditioner = keep_preconditioner || factored_;
   if (scalars_ && !keep_preconditioner) copy_rows(matrix_.handle(), scalars_);
-  check(KSPSetReusePreconditioner(solver_, keep_preconditioner ? PETSC_TRUE : PETSC_FALSE), "reuse");
+  keep(keep_preconditioner);
+}
+
+void LinearSolver::forget() {
+  factored_ = false;
+  keep(false);
+}
+
+void LinearSolver::keep(bool preconditioner) {
+  check(KSPSetReusePreconditioner(solver_, preconditioner ? PETSC_TRUE : PETSC_FALSE), "reuse");
+  kept_ = preconditioner;
 }
 
 SolveReport LinearSolver::solve(const double* b, double* x, double relative, double absolute,
                                 int max_iterations) {
+  if (kind_ != SolverKind::direct) return iterate(b, x, relative, absolute, max_iterations);
+  SolveReport report;
+  if (kept_) report = iterate(b, x, relative, absolute, most_iterations_of_kept_factors);
+  if (!report.converged) {
+    keep(false);
+    const int before = report.iterations;
+    report = iterate(b, x, relative, absolute, most_iterations_of_kept_factors);
+    report.iterations += before;
+    factored_ = report.converged;
+  }
+  return report;
+}
+
+SolveReport LinearSolver::iterate(const double* b, double* x, double relative, double absolute,
+                                  int max_iterations) {
   check(VecPlaceArray(b_, b), "vector");
   check(VecPlaceArray(x_, x), "vector");
   check(KSPSetTolerances(solver_, relative, std::max(absolute, 1e-300), 1e10, max_iterations), "tolerances");

@@ -70,7 +70,7 @@ enum class SolverKind {
   cg_ilu,      // the same, with incomplete factors of each rank's block
   gmres_ilu,   // any, dynamic mechanics
   gmres_gamg,  // static mechanics of large meshes: algebraic multigrid with rigid-body modes
-  direct       // MUMPS
+  direct       // GMRES on complete factors (MUMPS), which serve later matrices while a few iterations do
 };
 inline constexpr std::array<std::string_view, 5> solver_kind_names = {"cg-jacobi", "cg-ilu", "gmres-ilu",
                                                                       "gmres-gamg", "direct"};
@@ -89,15 +89,24 @@ class LinearSolver {
   LinearSolver(const LinearSolver&) = delete;
   LinearSolver& operator=(const LinearSolver&) = delete;
 
-  // The matrix has new values: the preconditioner is rebuilt at the next solve (or kept).
+  // The matrix has new values: the preconditioner is rebuilt at the next solve (or kept; complete factors are
+  // kept while they serve).
   void matrix_changed(bool keep_preconditioner = false);
+  // The next solve owes nothing to earlier matrices.
+  void forget();
   // Solves A x = b to |b - A x| <= max(relative |b|, absolute) in the true norm; x is the first guess.
   // Collective.
   SolveReport solve(const double* b, double* x, double relative, double absolute, int max_iterations = 1000);
 
  private:
+  // Factors cost about as much as this many iterations with them or more.
+  static constexpr int most_iterations_of_kept_factors = 15;
+  void keep(bool preconditioner);
+  SolveReport iterate(const double* b, double* x, double relative, double absolute, int max_iterations);
+
   const NodeMatrix& matrix_;
   SolverKind kind_;
+  bool factored_ = false, kept_ = false;  // complete factors are there; they are of an earlier matrix, perhaps
   _p_KSP* solver_ = nullptr;
   _p_Mat* scalars_ = nullptr;  // what multigrid coarsens
   _p_Vec *b_ = nullptr, *x_ = nullptr;

@@ -545,6 +545,8 @@ void TissueWall::restore(std::span<const double>& in) {
   me.stretch_before = stretch_before;
   me.calcium = me.rescaled_calcium();
   me.have_tangent = me.have_compliance = false;
+  me.solver->forget();
+  if (me.direct) me.direct->forget();
   // Warm starts of the solver are forgotten in a running wall, too, when it is saved and goes on.
   for (auto& Y : me.Y) std::fill(Y.begin(), Y.end(), 0.0);
 }

@@ -195,9 +195,10 @@ def test_stopped_and_resumed(tmp_path, undisturbed, how, before, after):
         assert leftover.name in ("r.h5", "r.LV.fields") or leftover.name.endswith(".partial")
 
 
-def test_default_tolerances_bear_a_kill_bit_for_bit_and_several_beats(tmp_path):
-    """Two kills, the second in the second beat; the resumed run is the undisturbed one."""
-    settings = [*COARSE, *sets(heart__period_s=0.2, walls__LV__stimuli__apex__start_ms=20, walls__LV__stimuli__septum__start_ms=20,
+@pytest.mark.parametrize("solver", ["gmres-ilu", "direct"])
+def test_default_tolerances_bear_a_kill_bit_for_bit_and_several_beats(tmp_path, solver):
+    """Two kills, the second in the second beat; the resumed run is the undisturbed one, whatever factors it kept."""
+    settings = [*COARSE, *sets(walls__LV__mechanics__solver=solver, heart__period_s=0.2, walls__LV__stimuli__apex__start_ms=20, walls__LV__stimuli__septum__start_ms=20,
                                walls__LV__stimuli__free_wall__start_ms=20, run__beats=2)]
     whole = tmp_path / "whole.h5"
     assert run("run", SCENE, *settings, "-o", whole, "--quiet").status == 0
@@ -289,6 +290,18 @@ def test_refusals_on_two_ranks_are_said_once(tmp_path, words, expected):
     assert outcome.status == 2
     assert outcome.err.count("wiggers:") == 1 and expected in outcome.err, outcome.err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_light_wiggers_on_two_ranks_speaks_once(tmp_path):
+    def light(*words):
+        return subprocess.run([words_for(2)[0], "-n", "2", COMMAND, *map(str, words)], capture_output=True, text=True, env=ENVIRONMENT,
+                              cwd=tmp_path, timeout=100)
+
+    missing = light("run", "nowhere.toml")
+    assert missing.returncode == 2 and missing.stderr.count("nowhere.toml") == 1
+    good = light("run", SCENES / "elastance_healthy.toml", "--quiet", "-o", "e.h5")
+    assert good.returncode == 0 and good.stdout.count("limit cycle: period-1") == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["e.h5"]
 
 
 def break_open(m):

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
+#include <functional>
 #include <numeric>
 #include <set>
 #include <wiggers/cellmodels/catalogue.hpp>
@@ -286,6 +287,45 @@ TEST_CASE("every solver solves on any number of ranks", "[ranks]") {
             good && std::abs(x[k] - b[k] / (2 + static_cast<double>(k % components))) <= 1e-10 * largest(b);
       CHECK(everywhere(partition, good));
     }
+}
+
+TEST_CASE("complete factors serve later matrices while a few iterations do", "[ranks]") {
+  const auto mesh = block();
+  const Partition partition(mesh, MPI_COMM_WORLD);
+  const NodeSpace space = partition.make_nodes(1, false);
+  NodeMatrix matrix(partition, space, 3);
+  const auto size = static_cast<std::size_t>(space.n_own) * 3;
+  LinearSolver solver(matrix, SolverKind::direct);
+  // A diagonal is enough: how far it is from the one before decides on the factors.
+  const auto iterations_with = [&](const std::function<double(int)>& value) {
+    matrix.set_zero();
+    for (int node = 0; node < space.n_own; ++node)
+      for (int i = 0; i < 3; ++i)
+        matrix.block(matrix.diagonal_slot(node))[4 * i] = value(space.global(node));
+    matrix.finish();
+    solver.matrix_changed();
+    const std::vector<double> b(size, 1.0);
+    std::vector<double> x(size, 0.0);
+    const SolveReport report = solver.solve(b.data(), x.data(), 1e-10, 0);
+    CHECK(report.converged);
+    bool good = true;
+    for (int node = 0; node < space.n_own; ++node)
+      for (int i = 0; i < 3; ++i)
+        good = good && std::abs(x[3 * node + i] * value(space.global(node)) - 1) < 1e-8;
+    CHECK(everywhere(partition, good));
+    return report.iterations;
+  };
+  const auto first = [](int node) { return 1.0 + node % 7; };
+  const auto near = [&](int node) { return first(node) * (1 + 0.02 * (node % 5)); };
+  const auto far = [](int node) { return std::exp(0.01 * ((13 * node) % 701)); };
+  CHECK(iterations_with(first) == 1);
+  const int with_old_factors = iterations_with(near);
+  CHECK(with_old_factors > 1);
+  CHECK(with_old_factors <= 10);
+  CHECK(iterations_with(far) > 10);  // in vain with the old factors, then with new ones
+  CHECK(iterations_with(far) == 1);
+  solver.forget();
+  CHECK(iterations_with(near) == 1);
 }
 
 namespace {
