@@ -22,14 +22,16 @@ fs::path folder_of(const fs::path& path) {
 std::string partial_name(const fs::path& path) {
   return fmt::format("{}.{}.partial", path.string(), getpid());
 }
+}  // namespace
 
-// Devices and pipes (/dev/stdout) cannot be renamed into place; they are written through.
 bool is_special(const fs::path& path) {
   std::error_code ignored;
+  // Links there lead to what the shell has opened, a file perhaps; the link itself must not be replaced.
+  const std::string folder = path.parent_path().string();
+  if (folder == "/dev" || folder == "/dev/fd" || folder == "/proc/self/fd") return true;
   const auto status = fs::status(path, ignored);
   return fs::exists(status) && !fs::is_regular_file(status) && !fs::is_directory(status);
 }
-}  // namespace
 
 void write_file_atomically(const fs::path& path, std::string_view bytes) {
   const bool special = is_special(path);

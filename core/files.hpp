@@ -12,6 +12,10 @@ namespace wiggers {
 // Throws ResourceError (and removes the neighbour) if anything fails.
 void write_file_atomically(const std::filesystem::path& path, std::string_view bytes);
 
+// Devices and pipes (/dev/stdout) cannot be renamed into place: they are written through, and nothing is put
+// beside them.
+bool is_special(const std::filesystem::path& path);
+
 // Refuses, before any work, a path that could not be written later (missing folder, no permission, a folder).
 void require_writable(const std::filesystem::path& path, std::string_view option);
 

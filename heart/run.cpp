@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/files.hpp>
 #include <wiggers/core/result_file.hpp>
 #include <wiggers/core/stopwatch.hpp>
 #include <wiggers/core/units.hpp>
@@ -219,7 +220,8 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
   // that was resumed repeats one that was not.
   const long steps_per_checkpoint =
       has_tissue_ ? std::max(1L, std::lround(scene_.checkpoint_every_ms * units::s_per_ms / scene_.dt_s)) : 0;
-  if (result && has_tissue_) open_fields(*result, beat_ != nullptr || cost_.beats > 0);
+  if (result && has_tissue_ && !is_special(*result))
+    open_fields(*result, beat_ != nullptr || cost_.beats > 0);
   if (has_tissue_) {
     // What the start cost, the unloaded shape above all, is not to be lost by an early failure.
     if (result)

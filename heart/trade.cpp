@@ -125,7 +125,7 @@ std::optional<std::size_t> recommended(const TradeStudy& study,
 std::vector<std::size_t> pareto_front(const TradeStudy& study, std::size_t measure) {
   std::vector<std::size_t> order;
   for (std::size_t r = 0; r < study.rows.size(); ++r)
-    if (study.rows[r].failure.empty()) order.push_back(r);
+    if (study.rows[r].failure.empty() && std::isfinite(study.rows[r].errors[measure])) order.push_back(r);
   std::sort(order.begin(), order.end(),
             [&](std::size_t a, std::size_t b) { return study.rows[a].cost_s < study.rows[b].cost_s; });
   std::vector<std::size_t> front;
@@ -138,7 +138,7 @@ std::vector<std::size_t> pareto_front(const TradeStudy& study, std::size_t measu
 std::string trade_table(const TradeStudy& study, std::optional<std::size_t> chosen) {
   std::string text = fmt::format("{}\n{}\nreference: {}\n{}\n\n", study.subject, study.protocol,
                                  study.reference, study.machine);
-  text += "| | method | setting | cost of a beat, ms |";
+  text += fmt::format("| | method | setting | cost of {}, ms |", study.costed);
   for (const TradeMeasure& m : study.measures)
     text += fmt::format(" {}{} |", m.name, m.unit == "1" ? "" : ", " + m.unit);
   text += "\n|---|---|---|---|";
@@ -177,6 +177,7 @@ void write_trade(const TradeStudy& study, const std::map<std::string, double>& t
   Json json = {{"subject", study.subject},
                {"protocol", study.protocol},
                {"reference", study.reference},
+               {"costed", study.costed},
                {"machine", study.machine}};
   for (const TradeMeasure& m : study.measures)
     json["measures"].push_back({{"name", m.name},

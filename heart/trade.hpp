@@ -32,7 +32,7 @@ struct TradeRow {
   std::string method;          // e.g. "rush-larsen"
   std::string setting;         // e.g. "dt 0.02 ms, tables 0.1 mV"
   std::vector<double> errors;  // one a measure; empty if it failed
-  double cost_s = 0;     // CPU seconds of one beat (of one cell, loop or heart), median of at least five
+  double cost_s = 0;  // CPU seconds of what is costed (of one cell, loop or heart), median of at least five
   long evaluations = 0;  // of the model, where the method counts them
   long steps = 0;
   std::string failure;
@@ -43,6 +43,7 @@ std::string machine_name();
 
 struct TradeStudy {
   std::string subject, protocol, reference;
+  std::string costed = "a beat";  // what cost_s of the rows is the cost of
   std::string machine = machine_name();
   std::vector<TradeMeasure> measures;
   std::vector<TradeRow> rows;

@@ -244,7 +244,7 @@ LinearSolver::LinearSolver(const NodeMatrix& matrix, SolverKind kind) : matrix_(
       break;
   }
   check(KSPSetInitialGuessNonzero(solver_, PETSC_TRUE), "guess");
-  check(KSPSetOperators(solver_, matrix.handle(), scalars_ ? scalars_ : matrix.handle()), "operators");
+  set_operators();
   check(MatCreateVecs(matrix.handle(), &x_, &b_), "MatCreateVecs");
 }
 
@@ -255,15 +255,10 @@ LinearSolver::~LinearSolver() {
   MatDestroy(&scalars_);
 }
 
-void LinearSolver::matrix_changed(bool keep_preconditioner) {
-  if (kind_ == SolverKind::direct) keep_preconditioner = keep_preconditioner || factored_;
-  if (scalars_ && !keep_preconditioner) copy_rows(matrix_.handle(), scalars_);
-  keep(keep_preconditioner);
-}
-
-void LinearSolver::forget() {
-  factored_ = false;
-  keep(false);
+// Said anew whenever the preconditioner is to be rebuilt: PETSc would rebuild it only within the first
+// product with it else, and never after a failed one.
+void LinearSolver::set_operators() {
+  check(KSPSetOperators(solver_, matrix_.handle(), scalars_ ? scalars_ : matrix_.handle()), "operators");
 }
 
 void LinearSolver::keep(bool preconditioner) {
@@ -271,17 +266,38 @@ void LinearSolver::keep(bool preconditioner) {
   kept_ = preconditioner;
 }
 
+void LinearSolver::matrix_changed() {
+  keep(factored_);
+  if (scalars_) copy_rows(matrix_.handle(), scalars_);
+  set_operators();
+}
+
+void LinearSolver::forget() {
+  check(KSPReset(solver_), "reset");
+  factored_ = false;
+  keep(false);
+  set_operators();
+}
+
 SolveReport LinearSolver::solve(const double* b, double* x, double relative, double absolute,
                                 int max_iterations) {
-  if (kind_ != SolverKind::direct) return iterate(b, x, relative, absolute, max_iterations);
-  SolveReport report;
-  if (kept_) report = iterate(b, x, relative, absolute, most_iterations_of_kept_factors);
-  if (!report.converged) {
+  const bool direct = kind_ == SolverKind::direct;
+  const std::vector<double> guess(x,
+                                  x + static_cast<std::size_t>(matrix_.space().n_own) * matrix_.components());
+  if (direct) max_iterations = most_iterations_with_factors;
+  SolveReport report = iterate(b, x, relative, absolute, max_iterations);
+  if (!report.converged && kept_) {
+    const int in_vain = report.iterations;
+    std::copy(guess.begin(), guess.end(), x);
     keep(false);
-    const int before = report.iterations;
-    report = iterate(b, x, relative, absolute, most_iterations_of_kept_factors);
-    report.iterations += before;
-    factored_ = report.converged;
+    set_operators();
+    report = iterate(b, x, relative, absolute, max_iterations);
+    report.iterations += in_vain;
+  }
+  factored_ = direct && report.converged;
+  if (!report.converged) {
+    std::copy(guess.begin(), guess.end(), x);
+    forget();  // what failed would be taken for failed for ever
   }
   return report;
 }

@@ -89,24 +89,27 @@ class LinearSolver {
   LinearSolver(const LinearSolver&) = delete;
   LinearSolver& operator=(const LinearSolver&) = delete;
 
-  // The matrix has new values: the preconditioner is rebuilt at the next solve (or kept; complete factors are
-  // kept while they serve).
-  void matrix_changed(bool keep_preconditioner = false);
+  // The matrix has new values: the preconditioner is rebuilt at the next solve, complete factors only when
+  // they do not serve any more.
+  void matrix_changed();
   // The next solve owes nothing to earlier matrices.
   void forget();
-  // Solves A x = b to |b - A x| <= max(relative |b|, absolute) in the true norm; x is the first guess.
-  // Collective.
+  // Solves A x = b to |b - A x| <= max(relative |b|, absolute) in the true norm; x is the first guess, and is
+  // left as it was where the solver does not converge. Complete factors take few iterations or fail:
+  // `max_iterations` is of the other solvers. Collective.
   SolveReport solve(const double* b, double* x, double relative, double absolute, int max_iterations = 1000);
 
  private:
-  // Factors cost about as much as this many iterations with them or more.
-  static constexpr int most_iterations_of_kept_factors = 15;
+  // Making the factors costs more than this many iterations with them.
+  static constexpr int most_iterations_with_factors = 15;
+  void set_operators();
   void keep(bool preconditioner);
   SolveReport iterate(const double* b, double* x, double relative, double absolute, int max_iterations);
 
   const NodeMatrix& matrix_;
   SolverKind kind_;
-  bool factored_ = false, kept_ = false;  // complete factors are there; they are of an earlier matrix, perhaps
+  bool factored_ = false;  // complete factors of this or an earlier matrix are there
+  bool kept_ = false;      // the preconditioner is of an earlier matrix
   _p_KSP* solver_ = nullptr;
   _p_Mat* scalars_ = nullptr;  // what multigrid coarsens
   _p_Vec *b_ = nullptr, *x_ = nullptr;

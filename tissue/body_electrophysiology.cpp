@@ -4,6 +4,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/files.hpp>
 #include <wiggers/core/stopwatch.hpp>
 #include <wiggers/core/table.hpp>
 #include <wiggers/core/units.hpp>
@@ -89,8 +90,12 @@ struct ElectrophysiologyRun {
     return partition->gather_at_vertices(monodomain->nodes(), monodomain->activation_s().data(), 1, -1);
   }
 
+  bool with_fields() const {
+    return request.result && !is_special(*request.result) && plan.fields_every_ms > 0;
+  }
+
   void open_fields(bool resumed) {
-    if (!request.result || plan.fields_every_ms <= 0) return;
+    if (!with_fields()) return;
     tissue_kind().on_first_rank([&] {
       series = std::make_unique<FieldSeries>(series_beside(*request.result, "body"), *mesh,
                                              resumed ? std::optional<double>(time_s - 1e-6) : std::nullopt);
@@ -100,7 +105,7 @@ struct ElectrophysiologyRun {
   }
 
   void write_fields() {
-    if (!request.result || plan.fields_every_ms <= 0 || time_s < next_fields_s - 1e-9) return;
+    if (!with_fields() || time_s < next_fields_s - 1e-9) return;
     const double every = plan.fields_every_ms * units::s_per_ms;
     next_fields_s = (std::floor(time_s / every + 1e-9) + 1) * every;
     const NodeSpace& nodes = monodomain->nodes();

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/files.hpp>
 #include <wiggers/core/stopwatch.hpp>
 #include <wiggers/core/table.hpp>
 #include <wiggers/core/units.hpp>
@@ -154,8 +155,12 @@ struct MechanicsRun {
     for (std::size_t k = 0; k < row.size(); ++k) rows.columns[k].values.push_back(row[k]);
   }
 
+  bool with_fields() const {
+    return request.result && !is_special(*request.result) && plan.fields_every_step;
+  }
+
   void open_fields(bool resumed) {
-    if (!request.result || !plan.fields_every_step) return;
+    if (!with_fields()) return;
     tissue_kind().on_first_rank([&] {
       series = std::make_unique<FieldSeries>(series_beside(*request.result, "body"), *mesh,
                                              resumed ? std::optional<double>(share + 1e-9) : std::nullopt);
@@ -164,7 +169,7 @@ struct MechanicsRun {
 
   // The place of time is taken by the share of the load.
   void write_fields() {
-    if (!request.result || !plan.fields_every_step) return;
+    if (!with_fields()) return;
     const auto displacement =
         partition->gather_at_vertices(mechanics->nodes(), mechanics->displacement().data(), 3, 0);
     // Stretch at vertices: the mean of the cells around, by volume.

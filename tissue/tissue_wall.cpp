@@ -181,19 +181,17 @@ struct TissueWall::Implementation {
 
   void solve(const std::vector<double>& right, std::vector<double>& x) {
     const auto begin = Clock::now();
-    // Where incomplete factors fail, complete ones take over for that matrix: dear, but rare.
+    // Where incomplete factors fail, complete ones take over until the next matrix: dear, but rare.
     constexpr int enough_iterations = 400;
-    const std::vector<double> guess = x;
     SolveReport report;
     if (!rescued)
       report = solver->solve(right.data(), x.data(), plan.linear_tolerance, 1e-12, enough_iterations);
     cost.solver_iterations += report.iterations;
     if (!report.converged && plan.solver != SolverKind::direct) {
-      x = guess;
       if (!direct) direct = std::make_unique<LinearSolver>(mechanics->matrix(), SolverKind::direct);
       if (!rescued) direct->matrix_changed();
       rescued = true;
-      report = direct->solve(right.data(), x.data(), plan.linear_tolerance, 1e-12, 1);
+      report = direct->solve(right.data(), x.data(), plan.linear_tolerance, 1e-12);
       ++cost.rescues;
     }
     cost.solve_s += seconds_since(begin);

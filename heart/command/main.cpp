@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
-#include <cstdlib>
 #include <filesystem>
 #include <string_view>
 #include <wiggers/heart/tissue_kind.hpp>
@@ -14,13 +13,6 @@
 #include "application.hpp"
 
 namespace {
-
-// Whether this is one of several copies that mpirun, srun or their like started: Open MPI, PMI of MPICH.
-bool among_several_ranks() {
-  for (const char* name : {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"})
-    if (const char* size = std::getenv(name)) return std::atoi(size) > 1;
-  return false;
-}
 
 // Returns only if there is no such executable.
 void hand_over(char** argv) {
@@ -37,8 +29,6 @@ void hand_over(char** argv) {
 int main(int argc, char** argv) {
   constexpr std::array<std::string_view, 3> verbs_3d = {"mesh", "fibres", "benchmark"};
   std::string refusal;
-  // Copies that do not know of each other would each say all and write the same files.
-  if (among_several_ranks()) hand_over(argv);
   if (argc > 1 && std::find(verbs_3d.begin(), verbs_3d.end(), argv[1]) != verbs_3d.end()) {
     hand_over(argv);
     refusal = fmt::format("{}: {}", argv[1], wiggers::TissueNeeded::reason);

@@ -17,7 +17,8 @@ from figures import STYLE  # noqa: E402
 
 def draw(study):
     measure = study["measures"][0]
-    rows = [row for row in study["rows"] if "errors" in row]
+    # Rows that failed have no errors; null is a measure that was not reached, as activation where conduction fails.
+    rows = [row for row in study["rows"] if "errors" in row and row["errors"][0] is not None]
     methods = list(dict.fromkeys(row["method"] for row in rows))
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(7.5, 5))
@@ -57,7 +58,7 @@ def draw(study):
         axes.set(
             xscale="log",
             yscale="log",
-            xlabel="cost of a beat [ms, one core]",
+            xlabel=f"cost of {study['costed']} [ms, one core]",
             ylabel=f"{measure['meaning']}: error{unit}",
             title=study["subject"],
         )

@@ -12,11 +12,9 @@ namespace {
 TradeStudy toy() {
   TradeStudy study;
   study.measures = {{"apd90", "ms", "duration", 0}, {"ca_peak", "1", "calcium", 0}};
-  study.rows = {{"slow", "a", {0.001, 0.1}, 10, 0, 0, {}},
-                {"fast", "b", {0.5, 0.01}, 1, 0, 0, {}},
-                {"middle", "c", {0.05, 0.2}, 3, 0, 0, {}},
-                {"beaten", "d", {0.06, 0.2}, 4, 0, 0, {}},
-                {"broken", "e", {}, 0, 0, 0, "diverges"}};
+  study.rows = {{"slow", "a", {0.001, 0.1}, 10, 0, 0, {}},         {"fast", "b", {0.5, 0.01}, 1, 0, 0, {}},
+                {"middle", "c", {0.05, 0.2}, 3, 0, 0, {}},         {"beaten", "d", {0.06, 0.2}, 4, 0, 0, {}},
+                {"lost", "f", {std::nan(""), 0.2}, 0.1, 0, 0, {}}, {"broken", "e", {}, 0, 0, 0, "diverges"}};
   return study;
 }
 Progress silent() { return {"", Progress::Style::quiet}; }

@@ -1,6 +1,8 @@
 """The command, checked from outside: formats, names, numbers, JSON."""
 
 import json
+import subprocess
+import sys
 
 import h5py
 import pytest
@@ -260,6 +262,12 @@ def test_trade_writes_table_picture_and_recommendation(wiggers, tmp_path):
     assert any("failure" in row for row in study["rows"])
     assert (tmp_path / "study" / "trade.png").stat().st_size > 10_000
     assert "| runge-kutta-4 |" in (tmp_path / "study" / "trade.md").read_text()
+    # A row without a value, as of an activation that never came, does not spoil the picture.
+    study["rows"][study["rows"].index(rows[0])]["errors"][0] = None
+    (tmp_path / "study" / "trade.json").write_text(json.dumps(study))
+    (tmp_path / "study" / "trade.png").unlink()
+    subprocess.run([sys.executable, SCENES.parent / "heart" / "report" / "make_trade.py", tmp_path / "study"], check=True)
+    assert (tmp_path / "study" / "trade.png").exists()
     unmet = wiggers("trade", "loop", "--quiet", "--tolerance", "pressure=1e-12")
     assert unmet.status == 1 and "no setting" in unmet.err
 
