@@ -26,11 +26,11 @@ std::string partial_name(const fs::path& path) {
 
 bool is_special(const fs::path& path) {
   std::error_code ignored;
+  const auto status = fs::status(path, ignored);
+  if (!fs::exists(status) || fs::is_directory(status)) return false;
   // Links there lead to what the shell has opened, a file perhaps; the link itself must not be replaced.
   const std::string folder = path.parent_path().string();
-  if (folder == "/dev" || folder == "/dev/fd" || folder == "/proc/self/fd") return true;
-  const auto status = fs::status(path, ignored);
-  return fs::exists(status) && !fs::is_regular_file(status) && !fs::is_directory(status);
+  return !fs::is_regular_file(status) || folder == "/dev" || folder == "/dev/fd" || folder == "/proc/self/fd";
 }
 
 void write_file_atomically(const fs::path& path, std::string_view bytes) {

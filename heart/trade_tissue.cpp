@@ -155,8 +155,7 @@ TradeStudy trade_tissue(const std::filesystem::path& scene, const std::vector<st
   const std::vector<Family> families = {
       {steps, fine_steps,
        "steps: 8 mm, conductivities of 0.8 mm2/ms, stimuli of 8 mm, tau 0.0125 ms, dt 0.25 ms, no tables, "
-       "tight "
-       "tolerances",
+       "tight tolerances",
        true},
       {displacements, fine_displacement,
        "displacement: P2 with mean dilatation at 5 mm, conductivities and stimuli as there", true},

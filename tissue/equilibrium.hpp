@@ -18,7 +18,7 @@ namespace wiggers {
 struct EquilibriumSettings {
   SolverKind solver = SolverKind::direct;
   double relative_tolerance = 1e-8;  // of the residual, to the norm of the applied loads
-  double linear_tolerance = 1e-4;    // iterative solvers
+  double linear_tolerance = 1e-4;    // linear systems: residual over right-hand side
   int max_newton = 25;
   int easy_newton = 4;  // doubles the load step
   double first_step = 0.1, smallest_step = 1e-3;
