@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <optional>
+#include <string>
 #include <vector>
 #include <wiggers/core/numbers.hpp>
 
@@ -37,13 +38,34 @@ T crossing_time(const std::vector<T>& t, const std::vector<T>& y, std::size_t k,
   return t[k - 1] + root * span;
 }
 
-// Time (unit of t) between the upstroke's and the repolarisation's crossing of V_max - share (V_max - V_end);
-// nothing if there is no such crossing. Numbers of any kind.
+// A cell above this is not at rest (mV): between the resting potentials and the thresholds of all models.
+inline constexpr double depolarised_mV = -40;
+// An upstroke is at least so high (mV).
+inline constexpr double smallest_upstroke_mV = 30;
+
+// Why a beat from stimulus to stimulus is no action potential, in words; empty if it is one.
+template <class T>
+std::string no_action_potential(const std::vector<T>& V) {
+  const double begin = value_of(V.front()), end = value_of(V.back());
+  double peak = begin, low = begin;
+  for (const T& v : V) {
+    peak = std::max(peak, value_of(v));
+    low = std::min(low, value_of(v));
+  }
+  if (peak < depolarised_mV) return "did not depolarise: the stimulus is below threshold";
+  if (end > depolarised_mV) return "did not repolarise";
+  if (begin > depolarised_mV) return "blocked: the stimulus came while the cell was depolarised";
+  if (peak - begin < smallest_upstroke_mV) return "blocked: no upstroke followed the stimulus";
+  return "";
+}
+
+// Time (unit of t) between the upstroke's and the repolarisation's crossing of V_peak - share (V_peak -
+// V_end); nothing if there is no such crossing. Numbers of any kind.
 template <class T>
 std::optional<T> action_potential_duration(const std::vector<T>& t, const std::vector<T>& V,
-                                           double repolarised) {
+                                           double repolarised, const T& V_peak) {
   const auto peak = std::max_element(V.begin(), V.end());
-  const T threshold = *peak - repolarised * (*peak - V.back());
+  const T threshold = V_peak - repolarised * (V_peak - V.back());
   const auto peak_index = static_cast<std::size_t>(peak - V.begin());
   std::optional<T> up, down;
   for (std::size_t k = 1; k <= peak_index && !up; ++k)
@@ -52,6 +74,13 @@ std::optional<T> action_potential_duration(const std::vector<T>& t, const std::v
     if (V[k - 1] >= threshold && V[k] < threshold) down = crossing_time(t, V, k, threshold);
   if (!up || !down) return {};
   return T(*down - *up);
+}
+
+// The same with the highest row as peak.
+template <class T>
+std::optional<T> action_potential_duration(const std::vector<T>& t, const std::vector<T>& V,
+                                           double repolarised) {
+  return action_potential_duration(t, V, repolarised, T(*std::max_element(V.begin(), V.end())));
 }
 
 // First upward crossing of a potential, interpolated linearly.

@@ -78,10 +78,7 @@ std::vector<LaneResult> to_limit_cycles_in_lanes(std::span<const CellStudy> stud
   std::vector<LaneResult> results;
   for (std::size_t k = 0; k < lanes.size(); ++k) {
     LaneResult result{states[k], lanes[k].search->certificate(), ""};
-    if (result.certificate.verdict != LimitCycleVerdict::period_1)
-      result.reason = fmt::format("no limit cycle: {} after {} beats, distance {:.2g}",
-                                  to_string(result.certificate.verdict), result.certificate.beats,
-                                  result.certificate.distance);
+    if (!result.certificate.good()) result.reason = limit_cycle_failure(result.certificate);
     results.push_back(std::move(result));
   }
   return results;

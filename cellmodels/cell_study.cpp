@@ -1,7 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <wiggers/cellmodels/action_potential.hpp>
+#include <wiggers/cellmodels/beat_features.hpp>
 #include <wiggers/cellmodels/cell_study.hpp>
 #include <wiggers/cellmodels/crn.hpp>
 #include <wiggers/cellmodels/paced_beat.hpp>
@@ -59,54 +59,6 @@ std::vector<double> values_of(const CellStudy& study) {
   return values;
 }
 
-template <class T>
-T parabola_vertex(const std::vector<T>& t, const std::vector<T>& y, std::size_t k, T& value) {
-  value = y[k];
-  if (k == 0 || k + 1 >= y.size()) return t[k];
-  const T left = t[k] - t[k - 1], right = t[k + 1] - t[k];
-  const T rise = (y[k] - y[k - 1]) / left, fall = (y[k + 1] - y[k]) / right;
-  const T curvature = (fall - rise) / (left + right);
-  if (value_of(curvature) == 0) return t[k];
-  const T slope = (rise * right + fall * left) / (left + right);
-  const T shift = -0.5 * slope / curvature;
-  value = y[k] + 0.5 * slope * shift;
-  return t[k] + shift;
-}
-
-// visit(name, unit, value) for the indexes of a beat's rows.
-template <class T, class Visit>
-void visit_indexes(const std::vector<T>& t, const std::vector<T>& V, const std::vector<T>& calcium_mM,
-                   Visit visit) {
-  const auto at = [](const auto& series, auto compare) {
-    return static_cast<std::size_t>(std::max_element(series.begin(), series.end(), compare) - series.begin());
-  };
-  const auto less = [](const T& a, const T& b) { return a < b; };
-  const auto more = [](const T& a, const T& b) { return b < a; };
-  T V_peak(0.0), low(0.0), high(0.0);
-  parabola_vertex(t, V, at(V, less), V_peak);
-  // Without an upstroke there is no duration to speak of.
-  if (V_peak - V.back() > 30.0) {
-    if (const auto apd = action_potential_duration(t, V, 0.9)) visit("APD90_ms", "ms", *apd);
-    if (const auto apd = action_potential_duration(t, V, 0.5)) visit("APD50_ms", "ms", *apd);
-  }
-  visit("V_rest_mV", "mV", V.back());
-  visit("V_peak_mV", "mV", V_peak);
-  std::vector<T> slope, middle;
-  for (std::size_t k = 1; k < t.size(); ++k) {
-    slope.push_back((V[k] - V[k - 1]) / (t[k] - t[k - 1]));
-    middle.push_back(0.5 * (t[k] + t[k - 1]));
-  }
-  T steepest(0.0);
-  parabola_vertex(middle, slope, at(slope, less), steepest);
-  visit("dVdt_max_mV_per_ms", "mV/ms", steepest);
-  parabola_vertex(t, calcium_mM, at(calcium_mM, more), low);
-  const T when = parabola_vertex(t, calcium_mM, at(calcium_mM, less), high);
-  visit("calcium_diastolic_uM", "uM", T(units::uM_per_mM * low));
-  visit("calcium_peak_uM", "uM", T(units::uM_per_mM * high));
-  visit("calcium_amplitude_uM", "uM", T(units::uM_per_mM * (high - low)));
-  visit("calcium_time_to_peak_ms", "ms", when);
-}
-
 // Runs a beat and visits its indexes, the start's states included.
 template <class Model, class T, class Visit>
 void beat_indexes(const PacedBeat<Model, T>& beat, std::vector<T> state, Visit visit) {
@@ -117,7 +69,7 @@ void beat_indexes(const PacedBeat<Model, T>& beat, std::vector<T> state, Visit v
     V.push_back(y[Model::membrane_potential]);
     calcium.push_back(y[Model::cytosolic_calcium]);
   });
-  visit_indexes(t, V, calcium, visit);
+  visit_features(t, V, calcium, beat.stimulus_edges(), visit);
   for (std::size_t i = 0; i < start.size(); ++i)
     visit(fmt::format("start.{}", Model::states[i].name), std::string(Model::states[i].unit), start[i]);
 }

@@ -50,7 +50,7 @@ struct NamedValue {
   std::string name, unit;
   double value = 0;
 };
-// Indexes of the beat from a state: APD90_ms, APD50_ms, V_rest_mV, V_peak_mV, dVdt_max_mV_per_ms,
+// Indexes of the beat from a state: APD90_ms, APD50_ms, V_rest_mV, V_peak_mV, V_min_mV, dVdt_max_mV_per_ms,
 // calcium_diastolic_uM, calcium_peak_uM, calcium_amplitude_uM, calcium_time_to_peak_ms, and the state at the
 // beat's start ("start.Na_i"). What a beat does not have (no action potential) is absent.
 std::vector<NamedValue> cell_indexes(const CellStudy& study, const std::vector<double>& start);

@@ -51,6 +51,7 @@ class PacedBeat {
     span(t, in_.period_ms, T(0.0), y, on_step);
     y[Model::balancing_ion] += (in_.charge_mV - charge(y)) / Model::invariant_slope(constants_);
   }
+  std::vector<double> stimulus_edges() const { return {onset_, onset_ + value_of(in_.duration_ms)}; }
   T charge(const T* y) const { return Model::invariant(y, constants_); }
 
  private:

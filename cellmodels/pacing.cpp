@@ -42,6 +42,15 @@ void make_admissible(const CellModel& model, std::vector<double>& state) {
     state[i] = std::clamp(state[i], model.states[i].lower, model.states[i].upper);
 }
 
+namespace {
+constexpr double tightest_tolerance = 1e-12;
+
+bool is_cycle(const LimitCycleCertificate& c) { return c.good() || c.verdict == LimitCycleVerdict::period_n; }
+bool missed(const LimitCycleCertificate& c, const LimitCycleSettings& settings) {
+  return is_cycle(c) && c.distance > settings.distance;
+}
+}  // namespace
+
 PacedCell::PacedCell(const CellModel& model, std::vector<double> parameters, PacingProtocol protocol,
                      CellIntegrator integrator)
     : model_(model),
@@ -76,6 +85,69 @@ void PacedCell::check_range(double t, const double* state) const {
 }
 
 void PacedCell::beat(std::vector<double>& state, double sample_ms, const Sampler& sampler) {
+  std::vector<double> times;
+  if (sampler) {
+    const auto n = static_cast<long>(std::floor(protocol_.period_ms / sample_ms * (1 + 1e-12)));
+    for (long k = 0; k <= n; ++k)
+      times.push_back(std::min(protocol_.period_ms, static_cast<double>(k) * sample_ms));
+  }
+  beat_at(state, times, sampler);
+}
+
+BeatRows PacedCell::feature_rows(std::vector<double> state) {
+  BeatRows rows;
+  const auto sampler = [&](double t, const double* y, double) {
+    rows.t_ms.push_back(t);
+    rows.potential_mV.push_back(y[model_.membrane_potential]);
+    rows.calcium_mM.push_back(y[model_.cytosolic_calcium]);
+  };
+  rows.stimulus_edges_ms = {protocol_.stimulus.onset_ms,
+                            protocol_.stimulus.onset_ms + protocol_.stimulus.duration_ms};
+  if (!is_adaptive(integrator_.name)) {
+    beat(state, integrator_.dt_ms, sampler);
+    return rows;
+  }
+  // A first look tells where the features are; there a second one is as close as they ask for. Samples do not
+  // change the steps, so both are of one solution.
+  constexpr double first_look_ms = 0.25, close_ms = 0.005;
+  std::vector<double> coarse;
+  for (double t = 0; t < protocol_.period_ms; t += first_look_ms) coarse.push_back(t);
+  coarse.push_back(protocol_.period_ms);
+  coarse.insert(coarse.end(), rows.stimulus_edges_ms.begin(), rows.stimulus_edges_ms.end());
+  std::vector<double> first_state = state;
+  beat_at(first_state, coarse, sampler);
+  const std::vector<double>&t = rows.t_ms, &V = rows.potential_mV, &Ca = rows.calcium_mM;
+  std::set<std::size_t> places;
+  const auto row = [](const auto& series, auto it) { return static_cast<std::size_t>(it - series.begin()); };
+  const auto peak = row(V, std::max_element(V.begin(), V.end()));
+  places.insert({peak, row(V, std::min_element(V.begin(), V.end())),
+                 row(Ca, std::max_element(Ca.begin(), Ca.end())),
+                 row(Ca, std::min_element(Ca.begin(), Ca.end()))});
+  std::size_t steepest = 1;
+  for (std::size_t k = 1; k < t.size(); ++k) {
+    if ((V[k] - V[k - 1]) * (t[steepest] - t[steepest - 1]) >
+        (V[steepest] - V[steepest - 1]) * (t[k] - t[k - 1]))
+      steepest = k;
+    for (double share : {0.5, 0.9}) {
+      const double level = V[peak] - share * (V[peak] - V.back());
+      if ((V[k] >= level) != (V[k - 1] >= level)) places.insert(k);
+    }
+  }
+  places.insert(steepest);
+  std::vector<double> times = coarse;
+  for (std::size_t k : places)
+    for (double at = std::max(0.0, t[k] - 2 * first_look_ms);
+         at < std::min(protocol_.period_ms, t[k] + 2 * first_look_ms); at += close_ms)
+      times.push_back(at);
+  rows.t_ms.clear();
+  rows.potential_mV.clear();
+  rows.calcium_mM.clear();
+  beat_at(state, times, sampler);
+  return rows;
+}
+
+void PacedCell::beat_at(std::vector<double>& state, const std::vector<double>& times,
+                        const Sampler& sampler) {
   const double period = protocol_.period_ms;
   const StimulusPulse& pulse = protocol_.stimulus;
   // Stops: the pulse's edges (the right-hand side jumps there) and the sample times.
@@ -85,15 +157,15 @@ void PacedCell::beat(std::vector<double>& state, double sample_ms, const Sampler
   if (pulse.duration_ms > 0) stops.insert(std::begin(edges), std::end(edges));
   std::set<double> samples;
   if (sampler) {
-    const auto n = static_cast<long>(std::floor(period / sample_ms * (1 + 1e-12)));
-    for (long k = 0; k <= n; ++k) samples.insert(std::min(period, static_cast<double>(k) * sample_ms));
+    samples.insert(times.begin(), times.end());
     samples.insert(period);
     // A sample within rounding of an edge or of the end is that instant.
     for (double stop : stops)
       for (auto it = samples.begin(); it != samples.end();)
         it = (*it != stop && std::abs(*it - stop) < 1e-9 * period) ? samples.erase(it) : std::next(it);
     for (double stop : stops)
-      if (std::abs(std::remainder(stop, sample_ms)) < 1e-9 * period) samples.insert(stop);
+      for (double time : times)
+        if (std::abs(stop - time) < 1e-9 * period) samples.insert(stop);
     stops.insert(samples.begin(), samples.end());
   }
   stops.erase(stops.begin(), stops.upper_bound(0.0));
@@ -183,6 +255,48 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
         "{}), "
         "so the cell gains charge every beat. Set stimulus_K_fraction = 1, or pace a number of beats.",
         model_.name, parameters_[require_index(model_.parameters, "parameter", "stimulus_K_fraction")]));
+  LimitCycleCertificate certificate = search(state, settings, after_beat);
+  // Where the integrator's noise ends the search short of the distance asked for, a tighter one goes on from
+  // there, as often as double precision allows.
+  CellIntegrator finer = integrator_;
+  int beats = certificate.beats;
+  while (is_adaptive(finer.name) && (certificate.noisy || missed(certificate, settings)) &&
+         finer.relative_tolerance > 1.01 * tightest_tolerance && beats < settings.max_beats) {
+    finer.relative_tolerance = std::max(tightest_tolerance, 0.01 * finer.relative_tolerance);
+    finer.absolute_tolerance = std::max(1e-16, 0.01 * finer.absolute_tolerance);
+    LimitCycleSettings rest = settings;
+    rest.max_beats = settings.max_beats - beats;
+    std::vector<double> closer = state;
+    PacedCell cell(model_, parameters_, protocol_, finer);
+    LimitCycleCertificate next;
+    try {
+      next = cell.search(closer, rest, after_beat);
+    } catch (const NumericalFailure&) {
+      break;  // asks for more than double precision has
+    }
+    beats += next.beats;
+    const bool better = next.good() || next.verdict == LimitCycleVerdict::period_n || !is_cycle(certificate);
+    if (!better) break;
+    state = closer;
+    certificate = next;
+    invariant_drift_ = cell.invariant_drift();
+    if (is_cycle(certificate))
+      certificate.reason =
+          fmt::format("The tolerance of {} was tightened to {:.0e} for the distance asked for.", finer.name,
+                      finer.relative_tolerance);
+  }
+  certificate.beats = beats;
+  if (missed(certificate, settings))
+    certificate.reason = fmt::format(
+        "The search stopped at the integrator's noise, at {:.0f} times the distance asked for ({:.1g}): {}.",
+        certificate.distance / settings.distance, settings.distance,
+        is_adaptive(integrator_.name) ? "tighten --rtol, or ask for less"
+                                      : "take a smaller step, or ask for less");
+  return certificate;
+}
+
+LimitCycleCertificate PacedCell::search(std::vector<double>& state, LimitCycleSettings settings,
+                                        const std::function<void(const LimitCycleCertificate&)>& after_beat) {
   if (is_adaptive(integrator_.name)) settings.map_noise = integrator_.relative_tolerance;
   const double charge = model_.invariant(state.data(), parameters_.data());
   BeatMap map = beat_map(state);
@@ -209,10 +323,10 @@ std::optional<double> PacedCell::integrator_shift(const std::vector<double>& on_
   std::vector<double> moved = on_cycle;
   PacedCell cell(model_, parameters_, protocol_, finer);
   try {
-    const auto certificate = cell.to_limit_cycle(moved, settings, [&](const LimitCycleCertificate&) {
+    const auto certificate = cell.search(moved, settings, [&](const LimitCycleCertificate&) {
       if (between_beats) between_beats();
     });
-    if (certificate.verdict != LimitCycleVerdict::period_1) return std::nullopt;
+    if (!certificate.good()) return std::nullopt;
   } catch (const NumericalFailure&) {
     return std::nullopt;  // the finer integrator asks for more than double precision has
   }

@@ -25,6 +25,12 @@ struct PacingProtocol {
 // Refuses impossible protocols: a period that is not longer than the pulse, steps of no use, ...
 void check_protocol(const CellModel& model, const PacingProtocol& protocol, const CellIntegrator& integrator);
 
+// Rows of a beat for its features (beat_features.hpp).
+struct BeatRows {
+  std::vector<double> t_ms, potential_mV, calcium_mM;
+  std::vector<double> stimulus_edges_ms;
+};
+
 class PacedCell {
  public:
   PacedCell(const CellModel& model, std::vector<double> parameters, PacingProtocol protocol,
@@ -37,11 +43,19 @@ class PacedCell {
   // range.
   void beat(std::vector<double>& state, double sample_ms = 0, const Sampler& sampler = {});
 
+  // The same at given times; the end of the beat is added.
+  void beat_at(std::vector<double>& state, const std::vector<double>& times, const Sampler& sampler);
+
+  // Rows of the beat from a state, from the integrator's dense output and as close together as the features
+  // need, whatever the spacing of anybody's output.
+  BeatRows feature_rows(std::vector<double> state);
+
   // Scales of the limit cycle's distance: |x0| + 1e-3, membrane potential 10 mV.
   std::vector<double> scales(const std::vector<double>& start) const;
 
   // Paces to the limit cycle on the leaf of the start's conserved charge. `state` ends on it. The callback is
-  // called after every beat. Refuses a model whose charge is not conserved: it has no cycle.
+  // called after every beat. Refuses a model whose charge is not conserved: it has no cycle. An adaptive
+  // integrator whose noise ends the search early is tightened for it; the certificate says so.
   LimitCycleCertificate to_limit_cycle(
       std::vector<double>& state, LimitCycleSettings settings,
       const std::function<void(const LimitCycleCertificate&)>& after_beat = {});
@@ -69,6 +83,9 @@ class PacedCell {
   const std::vector<double>& parameters() const { return parameters_; }
 
  private:
+  LimitCycleCertificate search(std::vector<double>& state, LimitCycleSettings settings,
+                               const std::function<void(const LimitCycleCertificate&)>& after_beat);
+
   const CellModel& model_;
   std::vector<double> parameters_;
   PacingProtocol protocol_;

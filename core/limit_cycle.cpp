@@ -1,3 +1,5 @@
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <wiggers/core/dense.hpp>
@@ -14,6 +16,8 @@ namespace {
 constexpr double largest_growth = 1000;
 
 constexpr double longest_jump = 1e4;
+// A jump that went astray is followed by shorter ones, which grow again.
+constexpr double shorter = 0.3, longer = 1.5;
 
 // Plain beats whose change differs by less than this, relative to it, move along one line without slowing
 // down.
@@ -36,20 +40,46 @@ LimitCycleMethod limit_cycle_method(std::string_view name) {
                  std::vector<std::string>{"anderson", "newton", "kinsol", "pacing"});
 }
 
-std::string to_string(LimitCycleVerdict verdict) {
+Attractor attractor_named(std::string_view name) {
+  if (name == "paced") return Attractor::paced;
+  if (name == "any") return Attractor::any;
+  refuse_unknown("attractor", name, std::vector<std::string>{"paced", "any"});
+}
+
+std::string to_string(LimitCycleVerdict verdict, int period) {
   switch (verdict) {
     case LimitCycleVerdict::running:
       return "running";
     case LimitCycleVerdict::period_1:
       return "period-1";
-    case LimitCycleVerdict::period_2:
-      return "period-2";
+    case LimitCycleVerdict::period_n:
+      return "period-" + std::to_string(period);
     case LimitCycleVerdict::drifting:
       return "drifting";
     case LimitCycleVerdict::not_converged:
       return "not-converged";
+    case LimitCycleVerdict::unphysical:
+      return "unphysical";
   }
   return "not-converged";
+}
+
+std::pair<LimitCycleVerdict, int> limit_cycle_verdict(std::string_view text) {
+  for (auto verdict : {LimitCycleVerdict::running, LimitCycleVerdict::period_1, LimitCycleVerdict::drifting,
+                       LimitCycleVerdict::not_converged, LimitCycleVerdict::unphysical})
+    if (to_string(verdict) == text) return {verdict, 1};
+  std::vector<std::string> known = {"running", "period-1", "drifting", "not-converged", "unphysical"};
+  for (int n = 2; n <= longest_cycle_beats; ++n) {
+    known.push_back(to_string(LimitCycleVerdict::period_n, n));
+    if (known.back() == text) return {LimitCycleVerdict::period_n, n};
+  }
+  refuse_unknown("verdict", text, known);
+}
+
+std::string limit_cycle_failure(const LimitCycleCertificate& c) {
+  if (c.verdict == LimitCycleVerdict::unphysical) return c.reason;
+  return fmt::format("no limit cycle of one beat: {} after {} beats, distance {:.2g}.{}{}", c.text(), c.beats,
+                     c.distance, c.reason.empty() ? "" : " ", c.reason);
 }
 
 LimitCycleSearch::LimitCycleSearch(LimitCycleSettings settings, std::vector<double> scales,
@@ -137,7 +167,13 @@ std::vector<double> LimitCycleSearch::next(const std::vector<double>& x, const s
         for (int k = 0; k < eigenvalues.size(); ++k)
           if (std::abs(eigenvalues(k)) < 1.0) multiplier = std::max(multiplier, std::abs(eigenvalues(k)));
         // Differences near the map's own noise say nothing about its slope: keep the last sound estimate.
-        if (latest_difference > 1e3 * noise) certificate_.multiplier = multiplier;
+        if (latest_difference > 1e3 * noise) {
+          certificate_.multiplier = multiplier;
+          suspicious_multiplier_ = 0;
+          for (int k = 0; k < eigenvalues.size(); ++k)
+            if (eigenvalues(k).real() < 0 || std::abs(eigenvalues(k)) >= 1)
+              suspicious_multiplier_ = std::max(suspicious_multiplier_, std::abs(eigenvalues(k)));
+        }
       }
     }
   }
@@ -148,6 +184,7 @@ std::vector<double> LimitCycleSearch::next(const std::vector<double>& x, const s
   }
   if (lost) {
     accelerated_ = jumped_ = false;
+    reach_ *= shorter;
     return unscaled(best_.x, best_.f);
   }
   accelerated_ = plain_left_ == 0 && !correction.empty();
@@ -161,7 +198,8 @@ std::vector<double> LimitCycleSearch::next(const std::vector<double>& x, const s
   jumped_ = true;
   // A jump longer than this times the change over a beat would mean a multiplier above 0.9999: rounding, more
   // likely.
-  double share = std::min(1.0, longest_jump * residual / step_to_fixed_point);
+  double share = std::min(reach_, longest_jump * residual / step_to_fixed_point);
+  reach_ = std::min(1.0, longer * reach_);
   for (std::size_t i = 0; i < n && !positive_.empty(); ++i) {
     if (!positive_[i] || now.x[i] <= 0) continue;
     if (correction[i] > now.x[i]) share = std::min(share, now.x[i] / correction[i]);
@@ -177,6 +215,7 @@ std::vector<double> LimitCycleSearch::after_failure(bool& recovered) {
   ++certificate_.beats;
   accelerated_ = jumped_ = false;
   relaxing_ = 0;
+  reach_ *= shorter;
   return unscaled(best_.x, best_.f);
 }
 
@@ -204,7 +243,10 @@ void LimitCycleSearch::judge(double step_to_fixed_point) {
       two_beats = std::max(two_beats, std::abs(last.f[i] + before.f[i]));
     for (std::size_t i = 0; i < last.f.size(); ++i)
       difference = std::max(difference, std::abs(last.f[i] - before.f[i]));
-    if (two_beats < 0.01 * r) c.verdict = LimitCycleVerdict::period_2;
+    if (two_beats < 0.01 * r) {
+      c.verdict = LimitCycleVerdict::period_n;
+      c.period = 2;
+    }
     if (difference < steady_drift * r) c.verdict = LimitCycleVerdict::drifting;
   }
 }
@@ -236,6 +278,7 @@ std::vector<double> LimitCycleSearch::save() const {
                              static_cast<double>(plain_left_),
                              static_cast<double>(relaxing_),
                              jumped_ ? 1.0 : 0.0,
+                             reach_,
                              static_cast<double>(history_.size())};
   for (const Pair& pair : history_) {
     put(out, pair.x);
@@ -257,8 +300,9 @@ void LimitCycleSearch::restore(const std::vector<double>& saved) {
   plain_left_ = static_cast<int>(saved.at(7));
   relaxing_ = static_cast<int>(saved.at(8));
   jumped_ = saved.at(9) != 0;
-  const auto n_pairs = static_cast<std::size_t>(saved.at(10));
-  std::size_t at = 11;
+  reach_ = saved.at(10);
+  const auto n_pairs = static_cast<std::size_t>(saved.at(11));
+  std::size_t at = 12;
   history_.clear();
   for (std::size_t k = 0; k < n_pairs; ++k) {
     Pair pair;

@@ -7,6 +7,7 @@
 
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace wiggers {
@@ -15,8 +16,14 @@ enum class LimitCycleMethod { anderson, newton, kinsol, pacing };
 // Refuses an unknown name with the nearest.
 LimitCycleMethod limit_cycle_method(std::string_view name);
 
+// Which of several attractors: the one that plain pacing from the start is heading for, or any.
+enum class Attractor { any, paced };
+// Refuses an unknown name with the nearest.
+Attractor attractor_named(std::string_view name);
+
 struct LimitCycleSettings {
   LimitCycleMethod method = LimitCycleMethod::anderson;
+  Attractor attractor = Attractor::any;
   double distance = 1e-6;    // stop when the estimated scaled distance to the cycle is below this
   double map_noise = 1e-13;  // relative accuracy of P itself; no residual below it is asked for
   int depth = 10;            // Anderson's memory, in beats
@@ -25,10 +32,16 @@ struct LimitCycleSettings {
   int max_beats = 2000;
 };
 
-// period_1: a cycle of one beat. period_2: alternans, every second beat agrees. drifting: the state moves
-// along one line without slowing down. not_converged: none of these within the beats allowed.
-enum class LimitCycleVerdict { running, period_1, period_2, drifting, not_converged };
-std::string to_string(LimitCycleVerdict verdict);
+// period_1: a cycle of one beat. period_n: one of several beats, two of them are alternans (the certificate
+// says how many). drifting: the state moves along one line without slowing down. not_converged: none of these
+// within the beats allowed. unphysical: the equations have this cycle, but no heart or cell can be in it.
+enum class LimitCycleVerdict { running, period_1, period_n, drifting, not_converged, unphysical };
+inline constexpr int longest_cycle_beats = 8;  // of period_n
+
+// Words of a certificate: "period-1", "period-3", "unphysical", ...; the period counts for period_n only.
+std::string to_string(LimitCycleVerdict verdict, int period = 2);
+// The reverse, with the period; refuses other words.
+std::pair<LimitCycleVerdict, int> limit_cycle_verdict(std::string_view text);
 
 // A search that its map's noise ends farther from the cycle than this has not found it.
 inline constexpr double largest_noisy_distance = 1e-4;
@@ -39,7 +52,16 @@ struct LimitCycleCertificate {
   double residual = 0;    // scaled change over the last beat
   double multiplier = 0;  // estimated leading multiplier on the leaf
   int beats = 0;          // beats spent, Newton's perturbed ones included
+  int period = 1;         // beats after which the state repeats itself
+  bool noisy = false;     // the map's noise ended the search short of the distance asked for
+  std::string reason;     // why the verdict is not period_1, or what else there is to know; empty: nothing
+
+  bool good() const { return verdict == LimitCycleVerdict::period_1; }
+  std::string text() const { return to_string(verdict, period); }
 };
+
+// Why a search ended without a cycle of one beat, what was seen, and what to try.
+std::string limit_cycle_failure(const LimitCycleCertificate& certificate);
 
 // One beat at a time, so that the caller can checkpoint between beats and resume bit for bit:
 //   while (search.running()) { P = beat(x); x = search.next(x, P); }
@@ -60,6 +82,13 @@ class LimitCycleSearch {
   // The beat from an extrapolated start failed: go back to the best state and pace from there. Returns the
   // new start; false in `recovered` if there is nothing to go back to (the failure is genuine).
   std::vector<double> after_failure(bool& recovered);
+
+  // The smallest change over a beat so far (scaled), and the state after that beat.
+  double best_residual() const { return best_residual_; }
+  std::vector<double> best_state() const { return unscaled(best_.x, best_.f); }
+  // The largest multiplier, in modulus, that is negative or beyond one: a sign that the cycle may be
+  // unstable.
+  double suspicious_multiplier() const { return suspicious_multiplier_; }
 
   // Everything that the next beats depend on, as plain numbers.
   std::vector<double> save() const;
@@ -83,6 +112,8 @@ class LimitCycleSearch {
   int plain_left_ = 0;
   int relaxing_ = 0;     // plain beats left before the next jump
   bool jumped_ = false;  // there was a jump since the search last fell back to the best state
+  double reach_ = 1;     // share of a jump that is dared: less after one that went astray
+  double suspicious_multiplier_ = 0;
   LimitCycleCertificate certificate_;
 };
 

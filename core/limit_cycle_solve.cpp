@@ -4,11 +4,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
+#include <utility>
 #include <wiggers/core/carried_exception.hpp>
 #include <wiggers/core/dense.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/limit_cycle_solve.hpp>
+#include <wiggers/core/rhythm.hpp>
 
 namespace wiggers {
 
@@ -204,10 +207,314 @@ LimitCycleCertificate kinsol(const BeatMap& map, const LimitCycleSettings& setti
   return certificate;
 }
 
+// A search whose smallest change has not halved for so many rounds gets nowhere.
+constexpr int rounds_of_patience = 20;
+constexpr int most_rounds = 200;
+// Of a search that gets nowhere at a change below this, the map's noise is to blame.
+constexpr double noisy_residual = 1e-3;
+constexpr double noisy_bend = 0.5;
+// Plain beats that show the rhythm of a state near a cycle.
+constexpr int rhythm_beats = 2 * longest_cycle_beats + 3;
+// The states within a round may come nearer to each other, or farther apart, by this factor from one round to
+// the next; more is another rhythm.
+constexpr double largest_change_of_shape = 4;
+// A multiplier beyond this in the search's own estimate asks for a look at the cycle's stability.
+constexpr double suspicious = 0.9;
+constexpr int stability_beats = 6;
+// Following the drift: a jump moves no concentration by more than this share and nothing by more than so
+// much of its scale, along the change of the latest rounds, once two of them differ by less than a tenth.
+constexpr double drift_share = 0.03;
+constexpr double steady_drift = 0.1;
+constexpr int most_settling_rounds = 12;
+constexpr int drift_jumps = 12;  // before the next try to accelerate
+constexpr double longest_drift = 400;
+
+struct RhythmChanged : NumericalFailure {
+  RhythmChanged() : NumericalFailure("the rhythm changed") {}
+};
+
+class PacedSearch {
+ public:
+  PacedSearch(const BeatMap& map, const LimitCycleSettings& settings, const AfterBeat& after_beat)
+      : map_(map), settings_(settings), after_beat_(after_beat), rhythm_(map.scales) {}
+
+  LimitCycleCertificate run(State& state) {
+    rhythm_.see(state);
+    int period = pace_until_clear(state, settings_.plain_beats);
+    while (period > 0 && spent_ < settings_.max_beats) {
+      State found = state;
+      const Outcome outcome = accelerate(found, period);
+      if (outcome == Outcome::converged) {
+        const int beats = beats_of_cycle(found, period);
+        if (beats > 1 || !leaves_cycle(found)) {
+          state = found;
+          certificate_.period = beats;
+          if (beats > 1) certificate_.verdict = LimitCycleVerdict::period_n;
+          certificate_.beats = spent_;
+          return certificate_;
+        }
+      }
+      // Beats from where the search ended tell whether there is another rhythm, or whether all that is left
+      // of the change is the map's noise.
+      State nearby = found;
+      const LimitCycleCertificate ended = certificate_;
+      rhythm_.forget();
+      rhythm_.see(nearby);
+      const int seen = outcome == Outcome::rhythm_changed ? 0 : pace_until_clear(nearby, rhythm_beats);
+      if (seen > 0 && seen != period) {
+        period = seen;
+        state = nearby;
+        continue;
+      }
+      if (outcome == Outcome::stalled && seen == period && rhythm_.change(period) < noisy_residual &&
+          rhythm_.bend(period) > noisy_bend) {
+        state = found;
+        certificate_ = ended;
+        certificate_.period = period;
+        certificate_.beats = spent_;
+        certificate_.reason =
+            "The search ended in the integrator's noise: a tighter tolerance or a smaller step helps.";
+        certificate_.noisy = true;
+        return certificate_;
+      }
+      // Along the way of plain beats: from here, if it is farther on that way, else from where they were.
+      if (outcome == Outcome::stalled && seen == period && rhythm_.bend(period) < steady_drift)
+        state = nearby;
+      follow_drift(state, period);
+      rhythm_.forget();
+      rhythm_.see(state);
+      period = pace_until_clear(state, 2 * period + 3);
+    }
+    return gave_up();
+  }
+
+ private:
+  enum class Outcome { converged, stalled, rhythm_changed };
+
+  State one_beat(const State& start) {
+    State image = map_.beat(start);
+    ++spent_;
+    return image;
+  }
+
+  void report() {
+    certificate_.beats = spent_;
+    if (after_beat_) after_beat_(certificate_);
+  }
+
+  // At least `plain` beats, then until the rhythm is clear. 0: it never is.
+  int pace_until_clear(State& state, int plain) {
+    for (int n = 0;; ++n) {
+      if (n >= plain)
+        if (const int period = rhythm_.period()) return period;
+      if (spent_ >= settings_.max_beats) return 0;
+      state = one_beat(state);
+      map_.admit(state);
+      rhythm_.see(state);
+      certificate_.residual = rhythm_.change(1);
+      certificate_.distance = certificate_.residual;
+      report();
+    }
+  }
+
+  // The map of a round of beats; throws RhythmChanged where its beats are no longer what they were.
+  class Round {
+   public:
+    Round(PacedSearch& search, int period) : search_(search), period_(period) {}
+    State operator()(const State& start) {
+      std::vector<State> round = {start};
+      State image = search_.one_beat(start);
+      while (static_cast<int>(round.size()) < period_) {
+        round.push_back(image);
+        image = search_.one_beat(image);
+      }
+      if (period_ == 1) return image;
+      double shape = std::numeric_limits<double>::infinity();
+      for (int k = 1; k < period_; ++k)
+        shape =
+            std::min(shape, scaled_distance(round[static_cast<std::size_t>(k)], start, search_.map_.scales));
+      const bool other = shape_ > 0 && (shape > largest_change_of_shape * shape_ ||
+                                        shape_ > largest_change_of_shape * shape);
+      if (other) throw RhythmChanged();
+      shape_ = shape;
+      return image;
+    }
+
+   private:
+    PacedSearch& search_;
+    int period_;
+    double shape_ = 0;  // how far apart the states within the latest round were
+  };
+
+  Outcome accelerate(State& state, int period) {
+    LimitCycleSettings own = settings_;
+    own.plain_beats = 0;
+    own.max_beats = std::clamp((settings_.max_beats - spent_) / period, 3, most_rounds);
+    LimitCycleSearch search(own, map_.scales, map_.positive);
+    Round round(*this, period);
+    double best = std::numeric_limits<double>::infinity();
+    int patience = rounds_of_patience;
+    bool failed = false;
+    while (search.running() && patience-- > 0) {
+      State proposal;
+      try {
+        proposal = search.next(state, round(state));
+      } catch (const NumericalFailure&) {
+        bool recovered = false;
+        proposal = search.after_failure(recovered);
+        if (!recovered) {
+          failed = true;
+          break;
+        }
+      }
+      state = proposal;
+      map_.admit(state);
+      certificate_ = search.certificate();
+      report();
+      if (search.best_residual() < 0.5 * best) {
+        best = search.best_residual();
+        patience = rounds_of_patience;
+      }
+    }
+    suspicion_ = search.suspicious_multiplier();
+    if (failed) {
+      certificate_.verdict = LimitCycleVerdict::not_converged;
+      return Outcome::rhythm_changed;
+    }
+    certificate_ = search.certificate();
+    certificate_.beats = spent_;
+    if (certificate_.good()) return Outcome::converged;
+    state = search.best_state();
+    map_.admit(state);
+    certificate_.residual = search.best_residual();
+    certificate_.verdict = LimitCycleVerdict::not_converged;
+    return Outcome::stalled;
+  }
+
+  // Where the way to the cycle is long and bent no linear model of the map helps. Plain rounds until their
+  // change is steady, then many of them at once along it, as far as concentrations move little; and again.
+  void follow_drift(State& state, int period) {
+    double reach = drift_share;
+    State safe = state;
+    for (int jump = 0; jump < drift_jumps && spent_ < settings_.max_beats; ++jump) {
+      try {
+        Round round(*this, period);
+        std::vector<double> change, before;
+        double steadiness = 1;
+        for (int n = 0; n < most_settling_rounds && steadiness > steady_drift; ++n) {
+          const State image = round(state);
+          before = std::exchange(change, {});
+          double largest = 0, bend = 0;
+          for (std::size_t i = 0; i < image.size(); ++i) {
+            change.push_back((image[i] - state[i]) / map_.scales[i]);
+            largest = std::max(largest, std::abs(change[i]));
+            if (!before.empty()) bend = std::max(bend, std::abs(change[i] - before[i]));
+          }
+          if (!before.empty()) steadiness = bend / largest;
+          state = image;
+          map_.admit(state);
+          certificate_.residual = largest;
+          report();
+          if (largest <= settings_.distance) return;
+        }
+        safe = state;
+        double rounds = longest_drift;
+        for (std::size_t i = 0; i < state.size(); ++i) {
+          const double room =
+              (!map_.positive.empty() && map_.positive[i] ? reach * std::abs(state[i])
+                                                          : reach * std::max(map_.scales[i], 1.0)) /
+              map_.scales[i];
+          if (std::abs(change[i]) * rounds > room) rounds = room / std::abs(change[i]);
+        }
+        // Not beyond where the change, which shrinks, is heading.
+        double shrinks = 0;
+        for (std::size_t i = 0; i < change.size(); ++i)
+          if (std::abs(change[i]) == *std::max_element(change.begin(), change.end(), [](double a, double b) {
+                return std::abs(a) < std::abs(b);
+              }))
+            shrinks = before[i] == 0 ? 0 : change[i] / before[i];
+        if (shrinks > 0 && shrinks < 1) rounds = std::min(rounds, 0.7 * shrinks / (1 - shrinks));
+        if (rounds < 2) continue;
+        for (std::size_t i = 0; i < state.size(); ++i) state[i] += rounds * change[i] * map_.scales[i];
+        map_.admit(state);
+        reach = std::min(drift_share, 1.5 * reach);
+      } catch (const NumericalFailure&) {
+        state = safe;
+        reach *= 0.3;
+      }
+    }
+  }
+
+  // The least number of beats after which a state on a cycle of `period` beats comes back.
+  int beats_of_cycle(const State& on_cycle, int period) {
+    if (period == 1) return 1;
+    const double near = 10 * std::max(certificate_.distance, 1e-6);
+    State state = on_cycle;
+    for (int beats = 1; beats < period; ++beats) {
+      state = one_beat(state);
+      if (period % beats == 0 && scaled_distance(state, on_cycle, map_.scales) < near) return beats;
+    }
+    return period;
+  }
+
+  // Whether beats from beside a cycle of one beat alternate ever more, or run away: the search converges to
+  // such cycles as well, pacing never does. Then `state` is left where the beats went.
+  bool leaves_cycle(State& state) {
+    if (suspicion_ < suspicious) return false;
+    const double small = std::clamp(1e4 * settings_.map_noise, 1e-4, 1e-2);
+    State beside = state;
+    for (std::size_t i = 0; i < beside.size(); ++i)
+      beside[i] += (i % 2 == 0 ? small : -small) * std::min(map_.scales[i], std::abs(beside[i]) + 1e-3);
+    map_.admit(beside);
+    std::vector<State> away;
+    for (int n = 0; n < stability_beats; ++n) {
+      beside = one_beat(beside);
+      State difference(beside.size());
+      for (std::size_t i = 0; i < beside.size(); ++i) difference[i] = (beside[i] - state[i]) / map_.scales[i];
+      away.push_back(std::move(difference));
+    }
+    // The alternating part: slow directions drop out of second differences.
+    const auto alternation = [&](int n) {
+      double largest = 0;
+      for (std::size_t i = 0; i < beside.size(); ++i)
+        largest = std::max(largest, std::abs(away[n + 1][i] - 2 * away[n][i] + away[n - 1][i]));
+      return largest;
+    };
+    const auto size = [](const State& v) {
+      double largest = 0;
+      for (double x : v) largest = std::max(largest, std::abs(x));
+      return largest;
+    };
+    const double first = alternation(stability_beats - 4), last = alternation(stability_beats - 2);
+    const bool alternates = last >= first && last > 100 * settings_.map_noise;
+    const bool runs_away = size(away.back()) > 3 * size(away.front());
+    if (!alternates && !runs_away) return false;
+    state = beside;
+    return true;
+  }
+
+  LimitCycleCertificate gave_up() {
+    certificate_.verdict = LimitCycleVerdict::not_converged;
+    certificate_.beats = spent_;
+    certificate_.reason = describe(rhythm_);
+    return certificate_;
+  }
+
+  const BeatMap& map_;
+  const LimitCycleSettings& settings_;
+  const AfterBeat& after_beat_;
+  Rhythm rhythm_;
+  LimitCycleCertificate certificate_;
+  double suspicion_ = 0;
+  int spent_ = 0;
+};
+
 }  // namespace
 
 LimitCycleCertificate find_limit_cycle(const BeatMap& map, const LimitCycleSettings& settings, State& state,
                                        const AfterBeat& after_beat) {
+  if (settings.method == LimitCycleMethod::anderson && settings.attractor == Attractor::paced)
+    return PacedSearch(map, settings, after_beat).run(state);
   if (settings.method == LimitCycleMethod::newton) return newton(map, settings, state, after_beat);
   if (settings.method == LimitCycleMethod::kinsol) return kinsol(map, settings, state, after_beat);
   LimitCycleSearch search(settings, map.scales, map.positive);

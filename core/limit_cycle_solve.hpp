@@ -7,6 +7,12 @@
 //              contracts (chord iterations). The multipliers are then eigenvalues, not estimates.
 //   kinsol     KINSOL's fixed-point iteration with Anderson acceleration: no safeguards, for comparison
 //   pacing     beat after beat
+//
+// A paced cell may have several attractors: the same cell under the same stimuli follows every one of them,
+// or every second one only. With Attractor::paced, anderson first paces until the rhythm is clear
+// (rhythm.hpp), then accelerates the map of so many beats; a jump that changes the rhythm is taken back, a
+// search that gets nowhere goes back to pacing, and a cycle of one beat that alternation would leave is not
+// taken for one.
 #pragma once
 
 #include <functional>
