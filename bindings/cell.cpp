@@ -28,9 +28,9 @@ struct CellModelOfPython {
 // Every index a cell can have; those of the start's states after them.
 std::pair<std::vector<std::string>, std::vector<std::string>> cell_index_names(const CellModel& model) {
   std::pair<std::vector<std::string>, std::vector<std::string>> list{
-      {"APD90_ms", "APD50_ms", "V_rest_mV", "V_peak_mV", "dVdt_max_mV_per_ms", "calcium_diastolic_uM",
-       "calcium_peak_uM", "calcium_amplitude_uM", "calcium_time_to_peak_ms"},
-      {"ms", "ms", "mV", "mV", "mV/ms", "uM", "uM", "uM", "ms"}};
+      {"APD90_ms", "APD50_ms", "V_rest_mV", "V_peak_mV", "V_min_mV", "dVdt_max_mV_per_ms",
+       "calcium_diastolic_uM", "calcium_peak_uM", "calcium_amplitude_uM", "calcium_time_to_peak_ms"},
+      {"ms", "ms", "mV", "mV", "mV", "mV/ms", "uM", "uM", "uM", "ms"}};
   for (const Quantity& q : model.states) {
     list.first.push_back(fmt::format("start.{}", q.name));
     list.second.emplace_back(q.unit);
@@ -239,10 +239,7 @@ void bind_cell(py::module_& m) {
               const CellStudy study = study_of(sample);
               std::vector<double> y = near ? start : start_of(study);
               const auto certificate = to_limit_cycle(study, y, settings);
-              if (certificate.verdict != LimitCycleVerdict::period_1)
-                throw NumericalFailure(fmt::format("no limit cycle: {} after {} beats, distance {:.2g}",
-                                                   to_string(certificate.verdict), certificate.beats,
-                                                   certificate.distance));
+              if (!certificate.good()) throw NumericalFailure(limit_cycle_failure(certificate));
               fill(study, y, out, state);
             };
             const auto side_by_side = [&](const std::vector<std::size_t>& group, const BatchFill& fill_row) {

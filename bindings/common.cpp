@@ -185,37 +185,34 @@ void bind_common(py::module_& m) {
 
   py::class_<LimitCycleCertificate>(m, "Certificate", "How close to the limit cycle a search ended.")
       .def(py::init([](const std::string& verdict, double distance, double residual, double multiplier,
-                       int beats) {
-             LimitCycleCertificate c{LimitCycleVerdict::running, distance, residual, multiplier, beats};
-             for (auto v :
-                  {LimitCycleVerdict::running, LimitCycleVerdict::period_1, LimitCycleVerdict::period_2,
-                   LimitCycleVerdict::drifting, LimitCycleVerdict::not_converged})
-               if (to_string(v) == verdict) c.verdict = v;
-             return c;
+                       int beats, const std::string& reason) {
+             const auto [v, period] = limit_cycle_verdict(verdict);
+             return LimitCycleCertificate{v, distance, residual, multiplier, beats, period, reason};
            }),
            py::arg("verdict"), py::arg("distance"), py::arg("residual"), py::arg("multiplier"),
-           py::arg("beats"))
+           py::arg("beats"), py::arg("reason") = "")
       .def(py::pickle(
           [](const LimitCycleCertificate& c) {
-            return py::make_tuple(static_cast<int>(c.verdict), c.distance, c.residual, c.multiplier, c.beats);
+            return py::make_tuple(c.text(), c.distance, c.residual, c.multiplier, c.beats, c.reason);
           },
           [](const py::tuple& t) {
-            return LimitCycleCertificate{static_cast<LimitCycleVerdict>(t[0].cast<int>()),
-                                         t[1].cast<double>(), t[2].cast<double>(), t[3].cast<double>(),
-                                         t[4].cast<int>()};
+            const auto [verdict, period] = limit_cycle_verdict(t[0].cast<std::string>());
+            return LimitCycleCertificate{
+                verdict, t[1].cast<double>(),     t[2].cast<double>(), t[3].cast<double>(), t[4].cast<int>(),
+                period,  t[5].cast<std::string>()};
           }))
-      .def_property_readonly("verdict", [](const LimitCycleCertificate& c) { return to_string(c.verdict); })
-      .def_property_readonly(
-          "converged",
-          [](const LimitCycleCertificate& c) { return c.verdict == LimitCycleVerdict::period_1; })
+      .def_property_readonly("verdict", [](const LimitCycleCertificate& c) { return c.text(); })
+      .def_property_readonly("converged", [](const LimitCycleCertificate& c) { return c.good(); })
       .def_readonly("distance", &LimitCycleCertificate::distance)
       .def_readonly("residual", &LimitCycleCertificate::residual)
       .def_readonly("multiplier", &LimitCycleCertificate::multiplier)
       .def_readonly("beats", &LimitCycleCertificate::beats)
+      .def_readonly("period", &LimitCycleCertificate::period)
+      .def_readonly("reason", &LimitCycleCertificate::reason)
       .def("__repr__", [](const LimitCycleCertificate& c) {
         return fmt::format(
-            "Certificate({}, distance {:.2g}, residual {:.2g}, leading multiplier {:.4f}, {} beats)",
-            to_string(c.verdict), c.distance, c.residual, c.multiplier, c.beats);
+            "Certificate({}, distance {:.2g}, residual {:.2g}, leading multiplier {:.4f}, {} beats{}{})",
+            c.text(), c.distance, c.residual, c.multiplier, c.beats, c.reason.empty() ? "" : ": ", c.reason);
       });
 
   py::class_<Table, std::shared_ptr<Table>>(m, "Columns",

@@ -186,10 +186,7 @@ void bind_heart(py::module_& m) {
                   HeartStudy one = quiet.copy();
                   one.set_parameters(all);
                   const HeartState y = one.to_limit_cycle(settings, first.driver.empty() ? nullptr : &first);
-                  if (y.certificate.verdict != LimitCycleVerdict::period_1)
-                    throw NumericalFailure(fmt::format("no limit cycle: {} after {} beats, distance {:.2g}",
-                                                       to_string(y.certificate.verdict), y.certificate.beats,
-                                                       y.certificate.distance));
+                  if (!y.certificate.good()) throw NumericalFailure(limit_cycle_failure(y.certificate));
                   fill_indexes(one.indexes(y), order, out);
                   if (y.driver.size() == n_numbers) std::copy(y.driver.begin(), y.driver.end(), state);
                 },

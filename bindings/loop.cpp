@@ -37,9 +37,11 @@ struct LoopModel {
 std::pair<std::vector<std::string>, std::vector<std::string>> all_indexes() {
   BeatIndexes every;
   for (auto& valve : every.valve) valve.opens_s = valve.closes_s = 0;
-  for (int side = 0; side < 2; ++side)
+  for (int side = 0; side < 2; ++side) {
     every.E_mL_per_s[side] = every.A_mL_per_s[side] = every.E_over_A[side] = every.atrial_kick_percent[side] =
         0;
+    every.atrium[side].VpreAC_mL = every.atrium[side].PassEF_percent = every.atrium[side].ActEF_percent = 0;
+  }
   std::pair<std::vector<std::string>, std::vector<std::string>> result;
   for_each_index(every, [&](const std::string& name, const char* unit, double) {
     result.first.push_back(name);
@@ -226,7 +228,7 @@ void bind_loop(py::module_& m) {
           "indexes",
           [](const LoopModel& model, const Array& start) {
             const CirculationValues state = model.start_from(&start);
-            return named_indexes(loop_indexes(model.loop, state, model.integrator.dt_s));
+            return named_indexes(loop_indexes(LoopSolver(model.loop, model.integrator), state));
           },
           py::arg("start"))
       .def(
@@ -243,7 +245,6 @@ void bind_loop(py::module_& m) {
           [](LoopModel model, const std::vector<std::string>& names, const Array& samples,
              std::optional<Array> near, double distance, int max_beats, int threads,
              const std::function<void(double)>& progress) {
-            model.require_steps("batches");
             const std::size_t n = static_cast<std::size_t>(samples.shape(0)), k = names.size();
             const CirculationValues start = model.start_from(near ? &*near : nullptr);
             auto [indexes, units] = all_indexes();
@@ -275,12 +276,10 @@ void bind_loop(py::module_& m) {
                   CirculationValues y = near ? start : loop.initial;
                   hold_total_volume(loop.circulation, y.data(),
                                     total_volume(loop.circulation, loop.initial.data()));
-                  const auto certificate = LoopSolver(loop, model.integrator).to_limit_cycle(y, settings);
-                  if (certificate.verdict != LimitCycleVerdict::period_1)
-                    throw NumericalFailure(fmt::format("no limit cycle: {} after {} beats, distance {:.2g}",
-                                                       to_string(certificate.verdict), certificate.beats,
-                                                       certificate.distance));
-                  fill_indexes(loop_indexes(loop, y, model.integrator.dt_s), order, out);
+                  const LoopSolver solver(loop, model.integrator);
+                  const auto certificate = solver.to_limit_cycle(y, settings);
+                  if (!certificate.good()) throw NumericalFailure(limit_cycle_failure(certificate));
+                  fill_indexes(loop_indexes(solver, y), order, out);
                   std::copy(y.begin(), y.end(), state);
                 },
                 progress);

@@ -16,6 +16,11 @@ namespace {
 
 using Jet = Dual<n_circulation_states>;
 
+constexpr int rows_watched = 200;  // of a beat, where the integrator chooses its own steps
+
+// A cycle that a finer integrator moves by more than this (scaled: 2 mL, 0.2 mmHg) is the integrator's.
+constexpr double largest_shift = 0.02;
+
 template <class T>
 void loop_rates(const Loop& loop, double t, const T* y, T* dy) {
   T p[n_chambers];
@@ -97,13 +102,17 @@ std::array<double, n_chambers> LoopSolver::pressures(double t, const double* y) 
   return p;
 }
 
-void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table) const {
+void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table, PhysicalSense* sense) const {
   const double period = loop_.period_s;
   const auto record = [&](double t) {
     const auto p = pressures(t, state.data());
     append_circulation_row(
         *table, t, state.data(), p.data(),
         valve_flows<double>(loop_.circulation, p.data(), state[p_AR_SYS], state[p_AR_PUL]));
+  };
+  const auto watch = [&](double t, const double* y) {
+    const auto p = pressures(t, y);
+    sense->see(t, y, p.data(), valve_flows<double>(loop_.circulation, p.data(), y[p_AR_SYS], y[p_AR_PUL]));
   };
   // Where to stop: break points of the activation (restart there), sample times, the end.
   std::set<double> stops(breaks_.begin(), breaks_.end());
@@ -143,7 +152,16 @@ void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table) c
                           std::vector<double>(n_circulation_states, integrator_.absolute_tolerance)});
     std::vector<double> y(state.begin(), state.end());
     solver.restart(0, y);
+    double begin = 0;
     for (double stop : stops) {
+      if (sense) {
+        const double parts = std::ceil((stop - begin) / period * rows_watched);
+        for (int k = 0; k < parts; ++k) {
+          const double t = begin + (stop - begin) * k / parts;
+          watch(t, solver.advance(t, stop).data());
+        }
+        begin = stop;
+      }
       y = solver.advance(stop);
       std::copy(y.begin(), y.end(), state.begin());
       check_state(state.data(), stop);
@@ -159,8 +177,9 @@ void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table) c
     if (next != sample_times.end()) ++next;  // the start is recorded already
     steps_->run(
         state.data(),
-        [&](double t, const double* y, const ValveStates&) {
+        [&](double t, const double* y, const double* p, const ValveStates& open) {
           check_state(y, t);
+          if (sense) sense->see(t, y, p, flows_when(loop_, open, p, y));
           if (next == sample_times.end() || t < *next - 1e-9 * period) return;
           record(*next);
           ++next;
@@ -177,6 +196,7 @@ void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table) c
     for (long step = 0; step < n; ++step) {
       loop_rates<double>(loop_, t + static_cast<double>(step) * h, state.data(), k1.data());
       for (int i = 0; i < n_circulation_states; ++i) state[i] += h * k1[i];
+      if (sense) watch(t + static_cast<double>(step + 1) * h, state.data());
     }
     t = stop;
     check_state(state.data(), t);
@@ -184,9 +204,9 @@ void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table) c
   }
 }
 
-LimitCycleCertificate LoopSolver::to_limit_cycle(
-    CirculationValues& state, LimitCycleSettings settings,
-    const std::function<void(const LimitCycleCertificate&)>& after_beat) const {
+LimitCycleCertificate LoopSolver::search(CirculationValues& state, LimitCycleSettings settings,
+                                         const std::function<void(const LimitCycleCertificate&)>& after_beat,
+                                         PhysicalSense* sense) const {
   if (integrator_.name == "cvode") settings.map_noise = integrator_.relative_tolerance;
   const double volume = total_volume(loop_.circulation, state.data());
   BeatMap map;
@@ -194,15 +214,48 @@ LimitCycleCertificate LoopSolver::to_limit_cycle(
   map.beat = [&](const std::vector<double>& start) {
     CirculationValues image;
     std::copy(start.begin(), start.end(), image.begin());
-    beat(image);
+    if (sense) *sense = {};  // of the latest beat
+    beat(image, 0, nullptr, sense);
     return std::vector<double>(image.begin(), image.end());
   };
   map.admit = [&](std::vector<double>& proposal) {
     hold_total_volume(loop_.circulation, proposal.data(), volume);
   };
   std::vector<double> y(state.begin(), state.end());
-  const LimitCycleCertificate certificate = find_limit_cycle(map, settings, y, after_beat);
+  LimitCycleCertificate certificate = find_limit_cycle(map, settings, y, after_beat);
   std::copy(y.begin(), y.end(), state.begin());
+  return certificate;
+}
+
+LimitCycleCertificate LoopSolver::to_limit_cycle(
+    CirculationValues& state, LimitCycleSettings settings,
+    const std::function<void(const LimitCycleCertificate&)>& after_beat) const {
+  // Rows of an integrator that chooses its steps cost extra: they are looked at once, at the end.
+  const bool adaptive = integrator_.name == "cvode";
+  PhysicalSense sense;
+  LimitCycleCertificate certificate = search(state, settings, after_beat, adaptive ? nullptr : &sense);
+  if (!certificate.good()) return certificate;
+  if (adaptive) {
+    CirculationValues last = state;
+    beat(last, 0, nullptr, &sense);
+  }
+  if (const auto& finding = sense.finding()) {
+    certificate.verdict = LimitCycleVerdict::unphysical;
+    certificate.reason = finding->text();
+    return certificate;
+  }
+  const bool may_be_coarse =
+      integrator_.name == "forward-euler" || (adaptive && integrator_.relative_tolerance > 1e-6);
+  if (!may_be_coarse) return certificate;
+  const auto shift = integrator_shift(state);
+  if (shift && *shift <= largest_shift) return certificate;
+  certificate.verdict = LimitCycleVerdict::not_converged;
+  certificate.reason = fmt::format(
+      "{} is too coarse for this loop: {} {}. Take {}.", integrator_.name,
+      adaptive ? "with a tolerance ten times smaller" : "with half the step",
+      shift ? fmt::format("the cycle is {:.2g} away (scaled; {} is allowed)", *shift, largest_shift)
+            : "there is no cycle",
+      adaptive ? "a smaller rtol" : "a smaller step, runge-kutta-4, or cvode");
   return certificate;
 }
 
@@ -215,8 +268,7 @@ std::optional<double> LoopSolver::integrator_shift(const CirculationValues& on_c
   LimitCycleSettings settings = loop_cycle_settings(1e-8);
   settings.max_beats = 100;
   try {
-    if (LoopSolver(loop_, finer).to_limit_cycle(moved, settings).verdict != LimitCycleVerdict::period_1)
-      return {};
+    if (!LoopSolver(loop_, finer).search(moved, settings, {}, nullptr).good()) return {};
   } catch (const NumericalFailure&) {
     return {};
   }

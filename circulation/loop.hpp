@@ -12,6 +12,7 @@
 #include <vector>
 #include <wiggers/circulation/circulation.hpp>
 #include <wiggers/circulation/elastance.hpp>
+#include <wiggers/circulation/physical_sense.hpp>
 #include <wiggers/core/limit_cycle.hpp>
 #include <wiggers/core/settings.hpp>
 #include <wiggers/core/table.hpp>
@@ -123,12 +124,16 @@ class LoopSolver {
   LoopSolver(Loop loop, LoopIntegrator integrator);
 
   const Loop& loop() const { return loop_; }
+  const LoopIntegrator& integrator() const { return integrator_; }
 
   // Advances the state by one period; appends rows at multiples of sample_s and at the end if a table is
-  // given.
-  void beat(CirculationValues& state, double sample_s = 0, Table* table = nullptr) const;
+  // given; shows the beat to `sense` if that is given.
+  void beat(CirculationValues& state, double sample_s = 0, Table* table = nullptr,
+            PhysicalSense* sense = nullptr) const;
 
-  // To the limit cycle on the leaf of the initial total volume.
+  // To the limit cycle on the leaf of the initial total volume. A cycle that no heart can be in is called
+  // unphysical; one by an integrator that may be too coarse for this loop (forward-euler, cvode with a loose
+  // tolerance) is confirmed by a finer one, or not called a cycle.
   LimitCycleCertificate to_limit_cycle(
       CirculationValues& state, LimitCycleSettings settings,
       const std::function<void(const LimitCycleCertificate&)>& after_beat = {}) const;
@@ -140,6 +145,10 @@ class LoopSolver {
   std::array<double, n_chambers> pressures(double t, const double* y) const;
 
  private:
+  LimitCycleCertificate search(CirculationValues& state, LimitCycleSettings settings,
+                               const std::function<void(const LimitCycleCertificate&)>& after_beat,
+                               PhysicalSense* sense) const;
+
   Loop loop_;
   LoopIntegrator integrator_;
   std::shared_ptr<const LoopBeat<double>> steps_;  // runge-kutta-4

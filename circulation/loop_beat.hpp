@@ -2,11 +2,18 @@
 // the break points of the activations and, for valve laws with a kink, where a valve opens or closes. So the
 // scheme keeps its fourth order, and its result is a smooth function of the parameters: with dual numbers the
 // same text gives exact derivatives, event times included.
+//
+// Where the loop reacts faster than the steps wanted can follow (stiffness.hpp) they are divided, to stay
+// well inside the scheme's stability; a loop that would take absurdly many is refused.
 #pragma once
+
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
 #include <wiggers/circulation/loop.hpp>
+#include <wiggers/circulation/stiffness.hpp>
+#include <wiggers/core/errors.hpp>
 #include <wiggers/core/fixed_step.hpp>
 #include <wiggers/core/root.hpp>
 
@@ -97,6 +104,8 @@ class LoopBeat {
       }
     }
     breaks_ = kept;
+    plain_ = converted<double>(loop_);
+    steepest_ = steepest_conductances(plain_.circulation);
     if constexpr (std::is_same_v<T, double>) moving_ = converted<Dual<1>>(loop_);
   }
 
@@ -108,8 +117,9 @@ class LoopBeat {
     return list;
   }
 
-  // Advances y by one period; on_step(t, y, open) after the start, after every step and at every event, and,
-  // if asked for, in the middle of every step. `stops`, sorted: more instants at which steps end.
+  // Advances y by one period; on_step(t, y, p, open) with the chambers' pressures after the start, after
+  // every step and at every event, and, if asked for, in the middle of every step. `stops`, sorted: more
+  // instants at which steps end.
   template <bool with_middles = false, class OnStep>
   void run(T* y, OnStep on_step, const std::vector<double>& stops = {}) const {
     std::vector<T> ends = breaks_;
@@ -121,13 +131,16 @@ class LoopBeat {
     }
     std::sort(ends.begin(), ends.end());
     ends.push_back(loop_.period_s);
-    T t(0.0);
-    ValveStates open = states_at(t, y);
-    on_step(t, y, open);
+    T t(0.0), p[n_chambers];
+    ValveStates open = states_at(t, y, p);
+    on_step(t, y, p, open);
     for (const T& end : ends) {
       int events = 0;
+      ValveStates bounded = open;
+      double longest = longest_step(value_of(t), value_of(end), open);
       for (bool reached = false; !reached;) {
-        T h = next_step(T(end - t), dt_);
+        if (open != bounded) longest = longest_step(value_of(t), value_of(end), bounded = open);
+        T h = next_step(T(end - t), longest);
         reached = value_of(h) >= value_of(end) - value_of(t);
         T next[n_circulation_states], middle[n_circulation_states];
         Step::step(loop_, open, t, h, y, next, with_middles ? middle : nullptr);
@@ -146,13 +159,15 @@ class LoopBeat {
         if (value_of(end) - value_of(t) < 1e-12) reached = true;
         const ValveStates before = open;
         if constexpr (with_middles) {
-          on_step(T(0.5 * (start + t)), middle, open);
+          const T half_way = 0.5 * (start + t);
+          loop_pressures(loop_, half_way, middle, p);
+          on_step(half_way, middle, p, open);
         }
         for (int i = 0; i < n_circulation_states; ++i) y[i] = next[i];
-        open = states_at(t, y);
+        open = states_at(t, y, p);
         // The valve of the event sits at zero: it is what it has just become, whatever rounding says.
         if (valve >= 0) open[valve] = !before[valve];
-        on_step(t, y, open);
+        on_step(t, y, p, open);
       }
     }
   }
@@ -161,8 +176,35 @@ class LoopBeat {
   // In one span between two ends; chatter beyond is stepped over.
   static constexpr int largest_number_of_events = 64;
 
-  ValveStates states_at(const T& t, const T* y) const {
-    T p[n_chambers];
+  // Steps times the fastest rate: 2.6 is the radius of the half disc in which the scheme is stable; at this
+  // it also damps what it cannot resolve.
+  static constexpr double longest_reach = 1.5;
+  static constexpr double most_parts = 1000;  // of a step wanted
+
+  // The step for a span between two ends with the valves as they are: the wanted one, or an even part of it.
+  // Elastances rise or fall all the way through a span, so its ends bound them.
+  double longest_step(double begin, double end, const ValveStates& open) const {
+    ChamberElastances E;
+    for (int c = 0; c < n_chambers; ++c)
+      E[c] = std::max(elastance(plain_.elastance[c], begin, plain_.period_s),
+                      elastance(plain_.elastance[c], end, plain_.period_s));
+    ValveConductances g = steepest_;
+    if (has_kink(plain_.circulation.valve_law))
+      for (int v = 0; v < n_valves; ++v)
+        if (!open[v])
+          g[v] = plain_.circulation.valve_law == ValveLaw::ideal ? 0 : 1 / plain_.circulation.valves[v].Rmax;
+    const double parts = dt_ * fastest_rate(plain_.circulation, E, g) / longest_reach;
+    if (!(parts > 1)) return dt_;
+    if (!(parts <= most_parts))
+      throw NumericalFailure(
+          fmt::format("runge-kutta-4 would need steps of {:.2g} s in this loop: {} is too stiff for an "
+                      "explicit scheme. Take "
+                      "integrator cvode.",
+                      dt_ / parts, stiffest_branch(plain_.circulation, E, g)));
+    return dt_ / std::ceil(parts);
+  }
+
+  ValveStates states_at(const T& t, const T* y, T* p) const {
     loop_pressures(loop_, t, y, p);
     const auto drops = valve_drops(p, y);
     ValveStates open;
@@ -183,7 +225,8 @@ class LoopBeat {
   // The first valve to change within the step, or -1; `event`: time from the step's start.
   int first_event(const T& t, const T& h, const T* y, const T* next, const ValveStates& open,
                   T& event) const {
-    const ValveStates after = states_at(T(t + h), next);
+    T p[n_chambers];
+    const ValveStates after = states_at(T(t + h), next, p);
     if (after == open) return -1;
     int first = -1;
     double earliest = value_of(h);
@@ -247,6 +290,8 @@ class LoopBeat {
     }
   };
   LoopOf<T> loop_;
+  Loop plain_;  // the same without derivatives
+  ValveConductances steepest_{};
   double dt_;
   std::vector<T> breaks_;
   LoopOf<Dual<1>> moving_;  // for slopes, where T itself is plain

@@ -15,6 +15,7 @@ struct CellAccuracy {
   std::string_view name;
   CellIntegrator integrator;
   std::string_view expected;  // error of one beat, all ionic models
+  double distance;            // to the limit cycle, that its noise allows
 };
 struct LoopAccuracy {
   std::string_view name;

@@ -140,7 +140,7 @@ std::vector<WallOutput> ActiveFibreOf<T>::outputs() const {
   std::vector<WallOutput> list = {
       {"calcium", "uM", "calcium that the force model sees"},
       {"active_tension", "kPa", "active tension, rest tension removed, stabilising term included"},
-      {"stretch", "1", "fibre stretch"}};
+      {"stretch", "1", "fibre stretch", smallest_stretch, largest_stretch}};
   if (cell_->has_potential()) list.push_back({"membrane_potential", "mV", "membrane potential"});
   return list;
 }

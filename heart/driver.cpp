@@ -31,6 +31,8 @@ HeartDriverOf<T>::HeartDriverOf(DriverSettingsOf<T> settings, CirculationParamet
   plain_ = converted<double>(circulation_);
   const PericardiumOf<T>& bag = settings_.pericardium;
   plain_bag_ = {value_of(bag.pressure_mmHg), value_of(bag.reference_volume_mL), value_of(bag.exponent)};
+  outputs_ = wall_outputs();
+  for (const auto& wall : walls_) n_outputs_.push_back(wall->outputs().size());
 }
 
 template <class T>
@@ -277,34 +279,80 @@ void HeartDriverOf<T>::step_over(const T& t, const T& dt, int halvings, BeatAudi
 }
 
 template <class T>
-Table HeartDriverOf<T>::trace() const {
-  Table table = circulation_table();
+std::vector<WallOutput> HeartDriverOf<T>::wall_outputs() const {
+  std::vector<WallOutput> all;
   for (const auto& wall : walls_) {
     const auto cavities = wall->cavities();
     const std::string name(cavities.size() == 1   ? chamber_names[cavities.front()]
                            : cavities.size() == 2 ? "ventricles"
                                                   : "heart");
-    for (const WallOutput& output : wall->outputs())
-      table.add(name + "." + output.name, output.unit, output.meaning);
+    for (WallOutput output : wall->outputs()) {
+      output.name = name + "." + output.name;
+      all.push_back(std::move(output));
+    }
   }
-  return table;
+  return all;
 }
 
 template <class T>
-void HeartDriverOf<T>::record(Table& table, double t) const {
+Table HeartDriverOf<T>::trace() const {
+  Table table = circulation_table();
+  for (const WallOutput& output : outputs_) table.add(output.name, output.unit, output.meaning);
+  return table;
+}
+
+namespace {
+constexpr std::size_t first_wall_column = 1 + n_circulation_states + n_chambers + n_valves;
+
+struct PlainRow {
   double y[n_circulation_states], p[n_chambers];
   std::array<double, n_valves> Q;
-  for (int k = 0; k < n_circulation_states; ++k) y[k] = value_of(y_[k]);
-  for (int c = 0; c < n_chambers; ++c) p[c] = value_of(p_[c]);
-  for (int v = 0; v < n_valves; ++v) Q[v] = value_of(Q_[v]);
-  append_circulation_row(table, t, y, p, Q);
-  std::size_t column = 1 + n_circulation_states + n_chambers + n_valves;
-  for (const auto& wall : walls_) {
-    const std::size_t n = wall->outputs().size();
-    std::vector<double> values(n);
-    wall->output_values(values.data());
-    for (double value : values) table.columns[column++].values.push_back(value);
+};
+}  // namespace
+
+template <class T>
+void HeartDriverOf<T>::record(Table& table, double t) const {
+  PlainRow row;
+  for (int k = 0; k < n_circulation_states; ++k) row.y[k] = value_of(y_[k]);
+  for (int c = 0; c < n_chambers; ++c) row.p[c] = value_of(p_[c]);
+  for (int v = 0; v < n_valves; ++v) row.Q[v] = value_of(Q_[v]);
+  append_circulation_row(table, t, row.y, row.p, row.Q);
+  std::vector<double> values(outputs_.size());
+  double* at = values.data();
+  for (std::size_t w = 0; w < walls_.size(); at += n_outputs_[w++]) walls_[w]->output_values(at);
+  for (std::size_t k = 0; k < values.size(); ++k)
+    table.columns[first_wall_column + k].values.push_back(values[k]);
+}
+
+template <class T>
+void HeartDriverOf<T>::show(double t, PhysicalSense& sense) const {
+  PlainRow row;
+  for (int k = 0; k < n_circulation_states; ++k) row.y[k] = value_of(y_[k]);
+  for (int c = 0; c < n_chambers; ++c) row.p[c] = value_of(p_[c]);
+  for (int v = 0; v < n_valves; ++v) row.Q[v] = value_of(Q_[v]);
+  sense.see(t, row.y, row.p, row.Q);
+  std::vector<double> values(outputs_.size());
+  double* at = values.data();
+  for (std::size_t w = 0; w < walls_.size(); at += n_outputs_[w++]) walls_[w]->output_values(at);
+  for (std::size_t k = 0; k < values.size(); ++k)
+    sense.see(t, outputs_[k].name, outputs_[k].unit, values[k], outputs_[k].lower, outputs_[k].upper);
+}
+
+template <class T>
+PhysicalSense HeartDriverOf<T>::sense_of(const Table& trace) const {
+  PhysicalSense sense;
+  for (std::size_t k = 0; k < trace.n_rows(); ++k) {
+    const auto at = [&](std::size_t column) { return trace.columns[column].values[k]; };
+    PlainRow row;
+    for (int i = 0; i < n_circulation_states; ++i) row.y[i] = at(1 + i);
+    for (int c = 0; c < n_chambers; ++c) row.p[c] = at(1 + n_circulation_states + c);
+    for (int v = 0; v < n_valves; ++v) row.Q[v] = at(1 + n_circulation_states + n_chambers + v);
+    sense.see(at(0), row.y, row.p, row.Q);
+    for (std::size_t i = 0; i < outputs_.size(); ++i)
+      sense.see(at(0), outputs_[i].name, outputs_[i].unit, at(first_wall_column + i), outputs_[i].lower,
+                outputs_[i].upper);
   }
+  return sense;
 }
 
 template <class T>

@@ -17,6 +17,7 @@
 #include <string>
 #include <vector>
 #include <wiggers/circulation/circulation.hpp>
+#include <wiggers/circulation/physical_sense.hpp>
 #include <wiggers/core/table.hpp>
 #include <wiggers/heart/pericardium.hpp>
 #include <wiggers/heart/wall.hpp>
@@ -90,11 +91,17 @@ class HeartDriverOf {
 
   const std::vector<std::unique_ptr<WallOf<T>>>& walls() const { return walls_; }
 
+  // Shows the present state to a check of physical sense, what the walls know of themselves included; and the
+  // rows of a beat.
+  void show(double t, PhysicalSense& sense) const;
+  PhysicalSense sense_of(const Table& trace) const;
+
   std::vector<T> save() const;
   void restore(const std::vector<T>& saved);
 
  private:
   void record(Table& trace, double t) const;
+  std::vector<WallOutput> wall_outputs() const;
   void tell_arterial_pressures();
   void wanted_volumes(const T* p, const T& dt, T* volumes, double* slopes) const;
   void step_over(const T& t, const T& dt, int halvings, BeatAudit& audit);
@@ -106,6 +113,8 @@ class HeartDriverOf {
   CirculationParameters plain_;  // the same without derivatives, for Newton's slopes
   Pericardium plain_bag_;
   std::vector<std::unique_ptr<WallOf<T>>> walls_;
+  std::vector<WallOutput> outputs_;     // of all walls, with their names
+  std::vector<std::size_t> n_outputs_;  // by wall
   long n_steps_;
   Values y_{};
   std::array<T, n_chambers> p_{};

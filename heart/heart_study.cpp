@@ -6,6 +6,7 @@
 #include <wiggers/heart/elastance_wall.hpp>
 #include <wiggers/heart/heart_study.hpp>
 #include <wiggers/heart/indexes_of.hpp>
+#include <wiggers/heart/paced_cells.hpp>
 #include <wiggers/heart/reduced_wall.hpp>
 #include <wiggers/heart/scene_keys.hpp>
 
@@ -264,12 +265,10 @@ void HeartStudy::solve_cells() {
     cell.study.integrator = scene_.electrophysiology_integrator;
     cell.state = start_of(cell.study);
     LimitCycleSettings settings;
+    settings.attractor = Attractor::paced;
     const LimitCycleCertificate certificate =
         wiggers::to_limit_cycle(cell.study, cell.state, settings, between_beats_);
-    if (certificate.verdict != LimitCycleVerdict::period_1)
-      throw NumericalFailure(fmt::format("cells {}: {} at {} ms has no limit cycle: {} after {} beats", name,
-                                         type.ionic->name, scene_.period_s * 1e3,
-                                         to_string(certificate.verdict), certificate.beats));
+    require_one_beat_cycle(certificate, name, *type.ionic, scene_.period_s);
     cell.state = refined_limit_cycle(cell.study, cell.state, wiggers::newton_at(cell.study, cell.state));
     const PacedRows rows = paced_rows(cell.study, cell.state);
     cell.raw.t_ms = rows.t_ms;
@@ -378,6 +377,7 @@ HeartState HeartStudy::to_limit_cycle(const LimitCycleSettings& wanted, const He
   if (!near) driver_.reset();  // a start from the scene owes nothing to earlier beats
   if (near) check_size(*near);
   HeartDriver& heart = driver();
+  PhysicalSense sense;  // of the latest beat
   const double volume = total_volume(scene_.circulation, scene_.initial.data());
   heart.start(scene_.initial);
   LimitCycleSettings settings = wanted;
@@ -393,7 +393,8 @@ HeartState HeartStudy::to_limit_cycle(const LimitCycleSettings& wanted, const He
     const CirculationValues start = heart.values();
     std::vector<double> proposal;
     try {
-      heart.beat(nullptr);
+      sense = {};
+      heart.beat_rows([&](double t) { heart.show(t, sense); });
       const CirculationValues& image = heart.values();
       proposal = search.next({start.begin(), start.end()}, {image.begin(), image.end()});
     } catch (const NumericalFailure&) {
@@ -412,7 +413,12 @@ HeartState HeartStudy::to_limit_cycle(const LimitCycleSettings& wanted, const He
     good = heart.save();
     if (after_beat) after_beat(search.certificate());
   }
-  return {heart.save(), search.certificate()};
+  LimitCycleCertificate certificate = search.certificate();
+  if (certificate.good() && sense.finding()) {
+    certificate.verdict = LimitCycleVerdict::unphysical;
+    certificate.reason = sense.finding()->text();
+  }
+  return {heart.save(), certificate};
 }
 
 void HeartStudy::check_size(const HeartState& state) {
@@ -424,7 +430,8 @@ void HeartStudy::check_size(const HeartState& state) {
 
 std::unique_ptr<HeartDriverOf<Tangent>> HeartStudy::moving_heart(const std::vector<std::size_t>& active,
                                                                  const std::vector<Tangent>& parameter,
-                                                                 Tangent& volume, Tangent& stimulus) {
+                                                                 Tangent& volume,
+                                                                 AtrialActivationsOf<Tangent>& atria) {
   auto n = numbers<Tangent>();
   std::size_t index = 0, next = 0;
   for_each_number(n, [&](const std::string&, const Quantity&, Tangent& field) {
@@ -435,15 +442,17 @@ std::unique_ptr<HeartDriverOf<Tangent>> HeartStudy::moving_heart(const std::vect
   for (auto& [name, cell] : n.cells)
     if (!cell.ionic.empty()) cell.ionic[cell.ionic.size() - 4] = units::ms_per_s * n.period_s;
   volume = n.total_volume_mL;
-  stimulus = 0.0;
-  for (int chamber : {LA, RA})
+  // Those of the scene, moving with the parameters.
+  const AtrialActivations plain = atrial_activations_s(scene_);
+  for (int side = 0; side < 2; ++side) {
+    atria[side].reset();
+    if (!plain[side]) continue;
     for (std::size_t w = 0; w < scene_.walls.size(); ++w) {
-      if (scene_.walls[w].cavities.front() != chamber) continue;
-      if (scene_.walls[w].kind == "reduced")
-        stimulus = units::s_per_ms * n.walls[w].activation_ms;
-      else if (n.walls[w].elastance.EA > 0.0)
-        stimulus = wrapped(n.walls[w].elastance.tC, n.period_s);
+      if (scene_.walls[w].cavities.front() != (side == 0 ? LA : RA)) continue;
+      atria[side] = scene_.walls[w].kind == "elastance" ? wrapped(n.walls[w].elastance.tC, n.period_s)
+                                                        : Tangent(units::s_per_ms * n.walls[w].activation_ms);
     }
+  }
   return build<Tangent>(n, calcium<Tangent>(n));
 }
 
@@ -457,8 +466,9 @@ FixedPointDerivatives HeartStudy::cycle_derivatives(const std::vector<double>& s
   double done = 0;
   return fixed_point_derivatives(
       state, values, [&](const std::vector<Tangent>& start, const std::vector<Tangent>& parameter) {
-        Tangent volume, stimulus;
-        const auto heart = moving_heart(active, parameter, volume, stimulus);
+        Tangent volume;
+        AtrialActivationsOf<Tangent> atria;
+        const auto heart = moving_heart(active, parameter, volume, atria);
         heart->restore(start);
         heart->beat_rows([](const Tangent&) {});
         std::vector<Tangent> image = heart->save();
@@ -498,7 +508,7 @@ BeatIndexes HeartStudy::indexes(const HeartState& state) {
   heart.beat_rows([&](const double& t) {
     trace.append(t, heart.values().data(), heart.pressures().data(), heart.flows());
   });
-  return compute_indexes_of(trace, atrial_stimulus_s(scene_), valve_debounce_s);
+  return compute_indexes_of(trace, atrial_activations_s(scene_), valve_debounce_s);
 }
 
 Table HeartStudy::beat(const HeartState& state) {
@@ -539,15 +549,16 @@ Sensitivities HeartStudy::sensitivities(const HeartState& on_cycle, const std::v
   const int m = static_cast<int>(active.size());
   for (int first = 0; first < m; first += tangent_lanes) {
     const TangentPass pass = tangent_pass(on_cycle.driver, values, moves, first);
-    Tangent volume, stimulus;
-    const auto heart = moving_heart(active, pass.parameter, volume, stimulus);
+    Tangent volume;
+    AtrialActivationsOf<Tangent> atria;
+    const auto heart = moving_heart(active, pass.parameter, volume, atria);
     heart->restore(pass.state);
     BeatTraceOf<Tangent> trace;
     heart->beat_rows([&](const Tangent& t) {
       trace.append(t, heart->values().data(), heart->pressures().data(), heart->flows());
     });
     std::size_t index = 0;
-    for_each_index(compute_indexes_of(trace, stimulus, valve_debounce_s),
+    for_each_index(compute_indexes_of(trace, atria, valve_debounce_s),
                    [&](const std::string& name, const char* unit, const Tangent& value) {
                      store_output(table, first, index++, name, unit, value);
                    });

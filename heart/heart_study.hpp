@@ -97,7 +97,7 @@ class HeartStudy {
                                           const std::function<void(double)>& after_pass);
   std::unique_ptr<HeartDriverOf<Tangent>> moving_heart(const std::vector<std::size_t>& active,
                                                        const std::vector<Tangent>& parameter, Tangent& volume,
-                                                       Tangent& stimulus);
+                                                       AtrialActivationsOf<Tangent>& atria);
 
   Scene scene_;
   std::string text_;  // the scene's, with total_volume in place of p_VEN_SYS

@@ -6,7 +6,7 @@
 
 namespace wiggers {
 
-BeatIndexes compute_indexes(const Table& table, double atrial_stimulus, double debounce) {
+BeatIndexes compute_indexes(const Table& table, const AtrialActivations& atrial_activation, double debounce) {
   BeatTraceOf<double> trace;
   trace.t = table.at("t_s").values;
   for (int c = 0; c < n_chambers; ++c) {
@@ -16,7 +16,7 @@ BeatIndexes compute_indexes(const Table& table, double atrial_stimulus, double d
   for (int v = 0; v < n_valves; ++v) trace.Q[v] = table.at(fmt::format("Q_{}", valve_names[v])).values;
   trace.p_aorta = table.at("p_AR_SYS").values;
   trace.p_pulmonary = table.at("p_AR_PUL").values;
-  return compute_indexes_of(trace, atrial_stimulus, debounce);
+  return compute_indexes_of(trace, atrial_activation, debounce);
 }
 
 double largest_flip(const std::vector<double>& a) {
@@ -46,7 +46,7 @@ const std::vector<ReferenceRange>& reference_ranges() {
   return table;
 }
 
-double indexed_value(const BeatIndexes& beat, std::string_view index, double bsa) {
+std::optional<double> indexed_value(const BeatIndexes& beat, std::string_view index, double bsa) {
   const auto& v = beat.ventricle[index.starts_with("LV") ? 0 : 1];
   const auto& a = beat.atrium[index.starts_with("LA") ? 0 : 1];
   const std::string_view what = index.substr(3);
@@ -55,7 +55,7 @@ double indexed_value(const BeatIndexes& beat, std::string_view index, double bsa
   if (what == "SV") return v.SV_mL / bsa;
   if (what == "EF") return v.EF_percent;
   if (what == "Vmax") return a.Vmax_mL / bsa;
-  if (what == "VpreAC") return a.VpreAC_mL / bsa;
+  if (what == "VpreAC") return a.VpreAC_mL ? std::optional(*a.VpreAC_mL / bsa) : std::nullopt;
   if (what == "Vmin") return a.Vmin_mL / bsa;
   if (what == "PassEF") return a.PassEF_percent;
   if (what == "ActEF") return a.ActEF_percent;

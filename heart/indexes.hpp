@@ -3,7 +3,9 @@
 // Phases per side: AC atrial contraction (from the atrial stimulus), IVC isovolumetric contraction, VE
 // ejection, IVR isovolumetric relaxation, VPF passive filling. A valve is open while the upstream pressure is
 // higher; openings shorter than the debounce time do not count. EDV: ventricular volume at closure of the
-// atrioventricular valve; ESV: smallest volume; atrial VpreAC: volume at the atrial stimulus.
+// atrioventricular valve; ESV: smallest volume; atrial VpreAC: volume at the atrium's own activation. What
+// belongs to a contraction (VpreAC, passive and active emptying, A wave, kick) is absent where an atrium does
+// not contract.
 #pragma once
 
 #include <array>
@@ -35,8 +37,8 @@ struct VentricleIndexesOf {
 
 template <class T>
 struct AtriumIndexesOf {
-  T Vmax_mL = 0, VpreAC_mL = 0, Vmin_mL = 0;
-  T PassEF_percent = 0, ActEF_percent = 0, TotEF_percent = 0;
+  T Vmax_mL = 0, Vmin_mL = 0, TotEF_percent = 0;
+  std::optional<T> VpreAC_mL, PassEF_percent, ActEF_percent;
   T pressure_mean_mmHg = 0, pressure_max_mmHg = 0, pressure_min_mmHg = 0;
   T work_J = 0;  // net: A-loop positive, V-loop negative
 };
@@ -46,6 +48,11 @@ struct ArteryIndexesOf {
   T pressure_max_mmHg = 0, pressure_min_mmHg = 0, pressure_mean_mmHg = 0;
 };
 
+// When the atria (left, right) begin to contract within the beat; nothing for one that does not.
+template <class T>
+using AtrialActivationsOf = std::array<std::optional<T>, 2>;
+using AtrialActivations = AtrialActivationsOf<double>;
+
 struct Phase {
   std::string name;                 // AC, IVC, VE, IVR, VPF
   double begins_s = 0, ends_s = 0;  // ends may exceed the period by wrapping: ends < begins
@@ -54,7 +61,7 @@ struct Phase {
 template <class T>
 struct BeatIndexesOf {
   T period_s = 0;
-  T atrial_stimulus_s = 0;
+  AtrialActivationsOf<T> atrial_activation_s;
   std::array<VentricleIndexesOf<T>, 2> ventricle;  // LV, RV
   std::array<AtriumIndexesOf<T>, 2> atrium;        // LA, RA
   ArteryIndexesOf<T> aorta, pulmonary_artery;
@@ -93,10 +100,10 @@ void for_each_index(const Indexes& b, Visit visit) {
     const auto& a = b.atrium[s];
     const Name at = atria[s];
     visit(at + "Vmax_mL", "mL", a.Vmax_mL);
-    visit(at + "VpreAC_mL", "mL", a.VpreAC_mL);
+    if (a.VpreAC_mL) visit(at + "VpreAC_mL", "mL", *a.VpreAC_mL);
     visit(at + "Vmin_mL", "mL", a.Vmin_mL);
-    visit(at + "PassEF_percent", "%", a.PassEF_percent);
-    visit(at + "ActEF_percent", "%", a.ActEF_percent);
+    if (a.PassEF_percent) visit(at + "PassEF_percent", "%", *a.PassEF_percent);
+    if (a.ActEF_percent) visit(at + "ActEF_percent", "%", *a.ActEF_percent);
     visit(at + "TotEF_percent", "%", a.TotEF_percent);
     visit(at + "pressure_mean_mmHg", "mmHg", a.pressure_mean_mmHg);
     visit(at + "pressure_max_mmHg", "mmHg", a.pressure_max_mmHg);
@@ -160,7 +167,7 @@ struct BeatTraceOf {
 inline constexpr double valve_debounce_s = 1.5e-3;
 
 // The trace needs time t_s (first row 0, last row the period), V_*, p_*, Q_* and the arteries' pressures.
-BeatIndexes compute_indexes(const Table& trace, double atrial_stimulus_s,
+BeatIndexes compute_indexes(const Table& trace, const AtrialActivations& atrial_activation_s,
                             double debounce_s = valve_debounce_s);
 
 // Largest alternating step-to-step change: max over n of min(|d_n|, |d_n-1|) where d_n d_n-1 < 0.
@@ -175,8 +182,9 @@ struct ReferenceRange {
   double founding_paper;  // value of the whole-heart paper (Fedele et al. 2023)
 };
 const std::vector<ReferenceRange>& reference_ranges();
-// The value an index has in this beat (volumes divided by the body surface area).
-double indexed_value(const BeatIndexes& beat, std::string_view index, double body_surface_area_m2);
+// The value an index has in this beat (volumes divided by the body surface area); nothing where it has none.
+std::optional<double> indexed_value(const BeatIndexes& beat, std::string_view index,
+                                    double body_surface_area_m2);
 
 // Body surface area (m2) from height (cm) and mass (kg).
 double body_surface_area_du_bois(double height_cm, double mass_kg);

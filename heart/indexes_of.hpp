@@ -224,14 +224,16 @@ std::pair<T, T> flow_in(const Pieces<T>& pieces, const Series<T>& Q, const T& be
 }  // namespace index_text
 
 template <class T>
-BeatIndexesOf<T> compute_indexes_of(const BeatTraceOf<T>& trace, const T& atrial_stimulus, double debounce) {
+BeatIndexesOf<T> compute_indexes_of(const BeatTraceOf<T>& trace,
+                                    const AtrialActivationsOf<T>& atrial_activation, double debounce) {
   using namespace index_text;
   BeatIndexesOf<T> r;
   const Series<T>& t = trace.t;
   const Pieces<T> rows{t, trace.with_middles ? 2u : 1u};
   if (t.size() < 10) throw InputError("the trace of a beat needs at least ten rows");
   const T period = r.period_s = t.back();
-  r.atrial_stimulus_s = wrapped(atrial_stimulus, period);
+  for (int side = 0; side < 2; ++side)
+    if (atrial_activation[side]) r.atrial_activation_s[side] = wrapped(*atrial_activation[side], period);
 
   const Series<T>* upstream[] = {&trace.p[LA], &trace.p[LV], &trace.p[RA], &trace.p[RV]};
   const Series<T>* downstream[] = {&trace.p[LV], &trace.p_aorta, &trace.p[RV], &trace.p_pulmonary};
@@ -257,6 +259,7 @@ BeatIndexesOf<T> compute_indexes_of(const BeatTraceOf<T>& trace, const T& atrial
     const Series<T>&V = trace.V[ventricle], &p = trace.p[ventricle];
     const Series<T>&Va = trace.V[atrium], &pa = trace.p[atrium];
     const Series<T>& Q = trace.Q[atrial_valve];
+    const std::optional<T>& activation = r.atrial_activation_s[side];
 
     // Ejection is the longest opening of the outlet; the atrioventricular valve is timed around it.
     if (!openings[outlet].empty()) {
@@ -282,21 +285,25 @@ BeatIndexesOf<T> compute_indexes_of(const BeatTraceOf<T>& trace, const T& atrial
       }
       if (in.opens_s && in.closes_s) {
         const T filling = forward(*in.opens_s, *in.closes_s, period);
-        const T until_AC = forward(*in.opens_s, r.atrial_stimulus_s, period);
+        // Without a contraction all of it is passive.
+        const T until_AC = activation ? forward(*in.opens_s, *activation, period) : filling;
         const T before_AC = until_AC < filling ? until_AC : filling;
-        const T after_AC = filling - before_AC;
         const auto [E, passive_volume] = flow_in(rows, Q, *in.opens_s, before_AC);
-        const auto [A, active_volume] = flow_in(rows, Q, r.atrial_stimulus_s, after_AC);
         r.E_mL_per_s[side] = E;
-        r.A_mL_per_s[side] = A;
-        if (A > 0.0) r.E_over_A[side] = E / A;
-        if (passive_volume + active_volume > 0.0)
-          r.atrial_kick_percent[side] = 100.0 * active_volume / (passive_volume + active_volume);
-        r.phases[side] = {{"AC", value_of(r.atrial_stimulus_s), value_of(*in.closes_s)},
-                          {"IVC", value_of(*in.closes_s), value_of(*out.opens_s)},
+        if (activation) {
+          const auto [A, active_volume] = flow_in(rows, Q, *activation, T(filling - before_AC));
+          r.A_mL_per_s[side] = A;
+          if (A > 0.0) r.E_over_A[side] = E / A;
+          if (passive_volume + active_volume > 0.0)
+            r.atrial_kick_percent[side] = 100.0 * active_volume / (passive_volume + active_volume);
+        }
+        const double closes = value_of(*in.closes_s),
+                     passive_ends = activation ? value_of(*activation) : closes;
+        r.phases[side] = {{"IVC", closes, value_of(*out.opens_s)},
                           {"VE", value_of(*out.opens_s), value_of(*out.closes_s)},
                           {"IVR", value_of(*out.closes_s), value_of(*in.opens_s)},
-                          {"VPF", value_of(*in.opens_s), value_of(r.atrial_stimulus_s)}};
+                          {"VPF", value_of(*in.opens_s), passive_ends}};
+        if (activation) r.phases[side].insert(r.phases[side].begin(), {"AC", passive_ends, closes});
       }
     }
 
@@ -320,10 +327,13 @@ BeatIndexesOf<T> compute_indexes_of(const BeatTraceOf<T>& trace, const T& atrial
     }
     AtriumIndexesOf<T>& a = r.atrium[side];
     a.Vmax_mL = largest(rows, Va);
-    a.VpreAC_mL = at_time(rows, Va, r.atrial_stimulus_s);
     a.Vmin_mL = smallest(rows, Va);
-    a.PassEF_percent = 100.0 * (a.Vmax_mL - a.VpreAC_mL) / a.Vmax_mL;
-    a.ActEF_percent = 100.0 * (a.VpreAC_mL - a.Vmin_mL) / a.VpreAC_mL;
+    if (activation) {
+      const T before = at_time(rows, Va, *activation);
+      a.VpreAC_mL = before;
+      a.PassEF_percent = 100.0 * (a.Vmax_mL - before) / a.Vmax_mL;
+      a.ActEF_percent = 100.0 * (before - a.Vmin_mL) / before;
+    }
     a.TotEF_percent = 100.0 * (a.Vmax_mL - a.Vmin_mL) / a.Vmax_mL;
     a.pressure_mean_mmHg = integral(rows, pa) / period;
     a.pressure_max_mmHg = largest(rows, pa);

@@ -12,11 +12,17 @@ namespace wiggers {
 namespace {
 
 constexpr std::string_view total_volume_name = "initial.total_volume";
+constexpr double index_sample_s = 2.5e-4;
 
-// The atria's stimulus, the phase mark of the indexes: that of the right one.
+// When the atria begin to contract.
 template <class T>
-T atrial_stimulus_of(const LoopOf<T>& loop) {
-  return wrapped(loop.elastance[RA].tC, loop.period_s);
+AtrialActivationsOf<T> activations_of(const LoopOf<T>& loop) {
+  AtrialActivationsOf<T> atria;
+  for (int side = 0; side < 2; ++side) {
+    const ElastanceParametersOf<T>& atrium = loop.elastance[side == 0 ? LA : RA];
+    if (value_of(atrium.EA) > 0) atria[side] = wrapped(atrium.tC, loop.period_s);
+  }
+  return atria;
 }
 
 WIGGERS_WIDE void wide_step(const LoopOf<Tangent>& loop, const ValveStates& open, const Tangent& t,
@@ -39,12 +45,10 @@ BeatIndexesOf<T> indexes_of(const LoopOf<T>& loop, T* state, double dt_s) {
   BeatTraceOf<T> trace;
   trace.with_middles = true;
   LoopBeat<T, WideStep>(loop, dt_s)
-      .template run<true>(state, [&](const T& t, const T* y, const ValveStates& open) {
-        T p[n_chambers];
-        loop_pressures(loop, t, y, p);
+      .template run<true>(state, [&](const T& t, const T* y, const T* p, const ValveStates& open) {
         trace.append(t, y, p, flows_when(loop, open, p, y));
       });
-  return compute_indexes_of(trace, atrial_stimulus_of(loop), valve_debounce_s);
+  return compute_indexes_of(trace, activations_of(loop), valve_debounce_s);
 }
 
 // What must hold between parameters.
@@ -78,8 +82,8 @@ FixedPointDerivatives cycle_derivatives(const Loop& loop, const std::vector<doub
   return fixed_point_derivatives(
       x, parameters, [&](std::vector<Tangent> state, const std::vector<Tangent>& parameter) {
         const LoopOf<Tangent> moving = seeded_loop(loop, parameter);
-        TangentBeat(moving, dt_s).run(state.data(), [](const Tangent&, const Tangent*, const ValveStates&) {
-        });
+        TangentBeat(moving, dt_s)
+            .run(state.data(), [](const Tangent&, const Tangent*, const Tangent*, const ValveStates&) {});
         hold_total_volume(moving.circulation, state.data(), parameter.back());
         return state;
       });
@@ -125,9 +129,15 @@ void set_loop_parameter(Loop& loop, std::string_view name, double value) {
   set_loop_parameters(loop, values);
 }
 
-BeatIndexes loop_indexes(const Loop& loop, const CirculationValues& start, double dt_s) {
+BeatIndexes loop_indexes(const LoopSolver& solver, const CirculationValues& start) {
+  const Loop& loop = solver.loop();
   CirculationValues state = start;
-  return indexes_of<double>(loop, state.data(), dt_s);
+  if (solver.integrator().name == "runge-kutta-4")
+    return indexes_of<double>(loop, state.data(), solver.integrator().dt_s);
+  // Rows so close that a valve that moves between two of them does not show.
+  Table rows = circulation_table();
+  solver.beat(state, std::min(index_sample_s, loop.period_s / 20), &rows);
+  return compute_indexes(rows, activations_of(loop));
 }
 
 Sensitivities loop_sensitivities(const Loop& loop, const CirculationValues& on_cycle, double dt_s) {

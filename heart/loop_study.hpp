@@ -19,8 +19,9 @@ void set_loop_parameter(Loop& loop, std::string_view name, double value);
 // Sets all of loop_parameters() at once; checks ranges and what must hold between parameters.
 void set_loop_parameters(Loop& loop, std::span<const double> values);
 
-// The indexes of one beat, from the rows of runge-kutta-4 steps of dt_s.
-BeatIndexes loop_indexes(const Loop& loop, const CirculationValues& start, double dt_s);
+// The indexes of the beat from a state, by the solver's own integrator: those of the trajectory that its
+// limit cycle was certified on.
+BeatIndexes loop_indexes(const LoopSolver& solver, const CirculationValues& start);
 
 // Derivatives of every index on the limit cycle by every parameter, with the integrator runge-kutta-4 at
 // steps of dt_s. `on_cycle`: its limit cycle, as close as to_limit_cycle() gets.

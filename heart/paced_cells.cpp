@@ -18,6 +18,15 @@ PacedCell make_paced_cell(const Scene& scene, const CellType& cell) {
 
 }  // namespace
 
+void require_one_beat_cycle(const LimitCycleCertificate& certificate, const std::string& name,
+                            const CellModel& model, double period_s) {
+  if (certificate.good()) return;
+  throw NumericalFailure(fmt::format(
+      "cells {}: {} at {:g} ms: {} Use another period, other parameters, or start = \"published\" with "
+      "run.beats = N to see the beats as they come.",
+      name, model.name, period_s * 1e3, limit_cycle_failure(certificate)));
+}
+
 std::map<std::string, PacedCellType> pace_cells(const Scene& scene, Progress::Style style) {
   std::map<std::string, PacedCellType> all;
   for (const auto& [name, cell] : scene.cells) {
@@ -28,17 +37,12 @@ std::map<std::string, PacedCellType> pace_cells(const Scene& scene, Progress::St
       if (cell.from_limit_cycle) {
         Progress progress(fmt::format("cells {} ({})", name, cell.ionic->name), style);
         LimitCycleSettings settings;
+        settings.attractor = Attractor::paced;
         paced.certificate =
             one.to_limit_cycle(paced.state_at_onset, settings, [&](const LimitCycleCertificate& c) {
               progress.update(-1, fmt::format("beat {}, distance {:.1e}", c.beats, c.distance));
             });
-        if (paced.certificate.verdict != LimitCycleVerdict::period_1)
-          throw NumericalFailure(
-              fmt::format("cells {}: {} at {} ms did not reach its limit cycle: {} after {} beats, distance "
-                          "{:.2g}. Use start = "
-                          "\"published\" or another period.",
-                          name, cell.ionic->name, scene.period_s * 1e3, to_string(paced.certificate.verdict),
-                          paced.certificate.beats, paced.certificate.distance));
+        require_one_beat_cycle(paced.certificate, name, *cell.ionic, scene.period_s);
         progress.finish(fmt::format("on the limit cycle after {} beats, distance {:.1e}",
                                     paced.certificate.beats, paced.certificate.distance));
         paced.charge_drift_mV = one.invariant_drift();

@@ -22,4 +22,9 @@ struct PacedCellType {
 // All cells of the scene, by name. Throws NumericalFailure when one does not reach its limit cycle.
 std::map<std::string, PacedCellType> pace_cells(const Scene& scene, Progress::Style style);
 
+// Throws NumericalFailure, with what the cell does instead, unless it repeats itself every beat: a heart
+// whose cells do not has no beat to be certified.
+void require_one_beat_cycle(const LimitCycleCertificate& certificate, const std::string& name,
+                            const CellModel& model, double period_s);
+
 }  // namespace wiggers

@@ -311,6 +311,13 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
                                ? LimitCycleVerdict::period_1
                                : LimitCycleVerdict::not_converged;
   complete_ = true;
+  if (cost_.beats > 0 || beat_) {
+    const PhysicalSense sense = driver_->sense_of(beat_ ? beat_->trace : trace_);
+    if (sense.finding()) {
+      certificate_.verdict = LimitCycleVerdict::unphysical;
+      certificate_.reason = sense.finding()->text();
+    }
+  }
   if (beat_) {
     // Ended within a beat: its rows are what there is to show.
     trace_ = beat_->trace;
@@ -322,11 +329,11 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
     collect_wall_figures();
   }
   if (result) write(*result, driver_->save());
-  progress.finish(fmt::format("{} beats, limit cycle: {}, distance {:.1e}", cost_.beats,
-                              to_string(certificate_.verdict), certificate_.distance));
+  progress.finish(fmt::format("{} beats, limit cycle: {}, distance {:.1e}", cost_.beats, certificate_.text(),
+                              certificate_.distance));
 }
 
-BeatIndexes HeartRun::indexes() const { return compute_indexes(trace_, atrial_stimulus_s(scene_)); }
+BeatIndexes HeartRun::indexes() const { return compute_indexes(trace_, atrial_activations_s(scene_)); }
 
 void HeartRun::collect_wall_figures() {
   for (std::size_t w = 0; w < scene_.walls.size(); ++w) {
@@ -351,7 +358,7 @@ void HeartRun::write_file(const std::filesystem::path& path, const std::vector<d
       file.dataset(place_of(column.name), column.values, column.unit, column.meaning);
   if (has_whole_beat()) write_indexes(file, indexes(), scene_.body_surface_area_m2);
   if (cost_.beats > 0 || complete_) file.text("/summary", summarise(*this).dump());
-  file.text("/limit_cycle/verdict", to_string(certificate_.verdict));
+  file.text("/limit_cycle/verdict", certificate_.text());
   file.scalar("/limit_cycle/distance", certificate_.distance, "1",
               "estimated scaled distance to the limit cycle");
   file.scalar("/limit_cycle/residual", certificate_.residual, "1", "scaled change over the last beat");

@@ -552,15 +552,20 @@ Scene read_scene_text(const std::string& text, const std::string& name,
   return interpret(table, name, {});
 }
 
-double atrial_stimulus_s(const Scene& scene) {
-  // Right atrium first (the pacemaker), then the left.
-  for (int chamber : {RA, LA})
+AtrialActivations atrial_activations_s(const Scene& scene) {
+  AtrialActivations activations;
+  for (int side = 0; side < 2; ++side)
     for (const WallPlan& wall : scene.walls) {
-      if (wall.cavities.front() != chamber) continue;
-      if (wall.kind != "elastance") return wall.fibres.front().activation_ms * units::s_per_ms;
-      if (wall.elastance.EA > 0) return wrapped(wall.elastance.tC, scene.period_s);
+      if (std::find(wall.cavities.begin(), wall.cavities.end(), side == 0 ? LA : RA) == wall.cavities.end())
+        continue;
+      if (wall.kind == "elastance") {
+        if (wall.elastance.EA > 0) activations[side] = wrapped(wall.elastance.tC, scene.period_s);
+      } else if (!wall.fibres.empty() && wall.fibres.back().settings.active) {
+        // Of several pieces of wall the atria's is the last.
+        activations[side] = wall.fibres.back().activation_ms * units::s_per_ms;
+      }
     }
-  return 0;
+  return activations;
 }
 
 }  // namespace wiggers

@@ -16,6 +16,7 @@
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/limit_cycle.hpp>
 #include <wiggers/heart/cell_source.hpp>
+#include <wiggers/heart/indexes.hpp>
 #include <wiggers/heart/pericardium.hpp>
 #include <wiggers/heart/reduced_wall.hpp>
 #include <wiggers/heart/triseg_wall.hpp>
@@ -95,7 +96,7 @@ Scene read_scene(const std::filesystem::path& path, const std::vector<std::strin
 Scene read_scene_text(const std::string& text, const std::string& name,
                       const std::vector<std::string>& overrides);
 
-// When the atria are stimulated (s): the phase mark of circulation indexes.
-double atrial_stimulus_s(const Scene& scene);
+// When the atria (left, right) begin to contract (s); nothing for one that does not.
+AtrialActivations atrial_activations_s(const Scene& scene);
 
 }  // namespace wiggers

@@ -35,11 +35,13 @@ Json index_json(const BeatIndexes& b) {
 }
 
 Json certificate_json(const LimitCycleCertificate& c) {
-  return {{"verdict", to_string(c.verdict)},
-          {"distance", c.distance},
-          {"beats", c.beats},
-          {"residual", c.residual},
-          {"multiplier", c.multiplier}};
+  Json out = {{"verdict", c.text()},
+              {"distance", c.distance},
+              {"beats", c.beats},
+              {"residual", c.residual},
+              {"multiplier", c.multiplier}};
+  if (!c.reason.empty()) out["reason"] = c.reason;
+  return out;
 }
 
 Json flips_json(const Table& trace) {
@@ -107,7 +109,7 @@ Json summarise(const HeartRun& run) {
 Json summarise(const LoopSummary& loop) {
   Json out;
   out["title"] = loop.title;
-  out["indexes"] = index_json(compute_indexes(loop.trace, loop.atrial_stimulus_s));
+  out["indexes"] = index_json(loop.indexes);
   if (loop.limit_cycle_wanted) {
     out["limit_cycle"] = certificate_json(loop.certificate);
     out["limit_cycle"]["integrator_shift"] = nullptr;
@@ -160,8 +162,8 @@ void write_indexes(ResultWriter& file, const BeatIndexes& b, double bsa) {
   for (const ReferenceRange& range : reference_ranges()) {
     const std::string group = fmt::format("/reference_ranges/{}", range.index);
     const std::string unit(range.unit);
-    file.scalar(group + "/value", indexed_value(b, range.index, bsa), unit,
-                "value of this beat, per body surface area");
+    if (const auto value = indexed_value(b, range.index, bsa))
+      file.scalar(group + "/value", *value, unit, "value of this beat, per body surface area");
     file.scalar(group + "/lower", range.lower, unit, "lower end of the reference range");
     file.scalar(group + "/upper", range.upper, unit, "upper end of the reference range");
     file.scalar(group + "/mean", range.mean, unit, "mean of the reference population");
@@ -180,6 +182,9 @@ std::string index_table(const BeatIndexes& b, double bsa) {
   line(fmt::format("{:<26}{:>12}{:>12}", "", "left", "right"));
   const auto& v = b.ventricle;
   const auto& a = b.atrium;
+  const auto cell = [](const std::optional<double>& value, int digits) {
+    return value ? fmt::format("{:.{}f}", *value, digits) : std::string("-");
+  };
   const auto row = [&](const char* name, double left, double right, int digits = 1) {
     line(fmt::format("{:<26}{:>12.{}f}{:>12.{}f}", name, left, digits, right, digits));
   };
@@ -193,12 +198,15 @@ std::string index_table(const BeatIndexes& b, double bsa) {
   row("artery p min [mmHg]", b.aorta.pressure_min_mmHg, b.pulmonary_artery.pressure_min_mmHg);
   row("stroke work [J]", v[0].stroke_work_J, v[1].stroke_work_J, 3);
   row("atrium Vmax [mL]", a[0].Vmax_mL, a[1].Vmax_mL);
-  row("atrium VpreAC [mL]", a[0].VpreAC_mL, a[1].VpreAC_mL);
+  if (a[0].VpreAC_mL || a[1].VpreAC_mL)
+    line(fmt::format("{:<26}{:>12}{:>12}", "atrium VpreAC [mL]", cell(a[0].VpreAC_mL, 1),
+                     cell(a[1].VpreAC_mL, 1)));
   row("atrium Vmin [mL]", a[0].Vmin_mL, a[1].Vmin_mL);
   row("atrium mean p [mmHg]", a[0].pressure_mean_mmHg, a[1].pressure_mean_mmHg);
   row("peak inflow [mL/s]", b.valve[MV].peak_flow_mL_per_s, b.valve[TV].peak_flow_mL_per_s);
   row("peak outflow [mL/s]", b.valve[AV].peak_flow_mL_per_s, b.valve[PV].peak_flow_mL_per_s);
-  if (b.E_over_A[0] && b.E_over_A[1]) row("E/A", *b.E_over_A[0], *b.E_over_A[1], 2);
+  if (b.E_over_A[0] || b.E_over_A[1])
+    line(fmt::format("{:<26}{:>12}{:>12}", "E/A", cell(b.E_over_A[0], 2), cell(b.E_over_A[1], 2)));
   line("");
   line(fmt::format("{:<6}{:>9}{:>9}", "valve", "opens s", "closes s"));
   for (int k = 0; k < n_valves; ++k)
@@ -207,7 +215,9 @@ std::string index_table(const BeatIndexes& b, double bsa) {
   line("");
   line(fmt::format("{:<11}{:>9} {:<6}{:>18}   {:>7}", "index", "value", "", "reference range", ""));
   for (const ReferenceRange& range : reference_ranges()) {
-    const double value = indexed_value(b, range.index, bsa);
+    const auto found = indexed_value(b, range.index, bsa);
+    if (!found) continue;
+    const double value = *found;
     const char* flag = value < range.lower ? "below" : value > range.upper ? "above" : "";
     line(fmt::format("{:<11}{:>9.1f} {:<6}{:>8.0f} to {:>6.0f}   {}", range.index, value, range.unit,
                      range.lower, range.upper, flag));

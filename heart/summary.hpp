@@ -23,7 +23,7 @@ nlohmann::ordered_json summarise(const HeartRun& run);
 struct LoopSummary {
   std::string title;
   Table trace;
-  double atrial_stimulus_s = 0;
+  BeatIndexes indexes;
   LimitCycleCertificate certificate;
   std::optional<double> integrator_shift;  // of the cycle, scaled
   bool limit_cycle_wanted = false;

@@ -23,7 +23,7 @@ std::vector<double> monolithic_values(const Scene& scene) {
   MonolithicHeart heart(scene, {1e-7, false});
   if (heart.to_limit_cycle(1e-5).verdict != LimitCycleVerdict::period_1)
     throw NumericalFailure("no limit cycle");
-  return measures_of(compute_indexes(heart.beat(2.5e-4), atrial_stimulus_s(scene)));
+  return measures_of(compute_indexes(heart.beat(2.5e-4), atrial_activations_s(scene)));
 }
 
 struct HeartBeat {

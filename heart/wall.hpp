@@ -19,6 +19,7 @@
 #include <string_view>
 #include <vector>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/quantity.hpp>
 
 namespace wiggers {
 
@@ -27,7 +28,11 @@ struct WallOutput {
   std::string name;  // without the wall's name, e.g. "active_tension"
   std::string unit;
   std::string meaning;
+  // Outside these no heart can be; what a beat shows there is never called good.
+  double lower = -unbounded, upper = unbounded;
 };
+// Fibre stretch: sarcomeres of 0.9 to 4 um, beyond which no filaments overlap.
+inline constexpr double smallest_stretch = 0.4, largest_stretch = 1.8;
 
 // A number that a wall reports of its work: costs, sizes, extremes.
 struct WallFigure {

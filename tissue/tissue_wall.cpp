@@ -553,7 +553,7 @@ std::vector<WallOutput> TissueWall::outputs() const {
   std::vector<WallOutput> list = {
       {"calcium", "uM", "mean calcium that the force model sees"},
       {"active_tension", "kPa", "mean active tension, rest tension removed, stabilising term included"},
-      {"stretch", "1", "mean fibre stretch"},
+      {"stretch", "1", "mean fibre stretch", smallest_stretch, largest_stretch},
       {"membrane_potential", "mV", "mean membrane potential"},
       {"smallest_volume_ratio", "1", "smallest J of all elements"}};
   for (std::size_t k = 0; k < me_->plan.electrodes.size(); ++k)

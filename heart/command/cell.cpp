@@ -4,7 +4,8 @@
 #include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <wiggers/cellmodels/action_potential.hpp>
+#include <wiggers/cellmodels/beat_features.hpp>
+#include <wiggers/cellmodels/cell_study.hpp>
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
@@ -27,7 +28,7 @@ struct Options {
   double stimulus = 0, duration_ms = 0, onset_ms = 0;
   bool stimulus_given = false, duration_given = false;
   int beats = 0, max_beats = 2000;
-  std::string method = "anderson";
+  std::string method = "anderson", attractor = "paced";
   bool quiet = false, json = false, other_parameters = false;
 };
 
@@ -130,6 +131,47 @@ void write_table(const std::string& path, const Table& table, const std::string&
   }
 }
 
+// Features of the beat from a state, by the integrator's own text; the same that Python gives.
+nlohmann::ordered_json beat_features(const CellModel& model, const std::vector<double>& parameters,
+                                     const Options& o, const StimulusPulse& pulse, PacedCell& cell,
+                                     const std::vector<double>& start) {
+  BeatRows rows;
+  if (o.integrator == "rush-larsen" || o.integrator == "rush-larsen-2") {
+    CellStudy study = make_cell_study(model);
+    study.parameters = parameters;
+    study.protocol = {o.period_ms, pulse};
+    study.dt_ms = o.dt_ms;
+    study.integrator = o.integrator;
+    const std::vector<double> published = model.default_state();
+    study.charge_offset_mV = model.invariant(start.data(), parameters.data()) -
+                             model.invariant(published.data(), parameters.data());
+    PacedRows fixed = paced_rows(study, start);
+    rows = {fixed.t_ms,
+            fixed.potential_mV,
+            fixed.calcium_mM,
+            {pulse.onset_ms, pulse.onset_ms + pulse.duration_ms}};
+  } else {
+    rows = cell.feature_rows(start);
+  }
+  nlohmann::ordered_json out;
+  visit_features(rows.t_ms, rows.potential_mV, rows.calcium_mM, rows.stimulus_edges_ms,
+                 [&](const std::string& name, const std::string&, double value) { out[name] = value; });
+  if (const std::string why = no_action_potential(rows.potential_mV); !why.empty())
+    out["no_action_potential"] = why;
+  return out;
+}
+
+std::string feature_line(const nlohmann::ordered_json& f) {
+  const auto number = [&](const char* name) { return f[name].get<double>(); };
+  return fmt::format(
+      "V {:.3f} to {:.3f} mV, Ca_i {:.4g} to {:.4g} uM{}", number("V_min_mV"), number("V_peak_mV"),
+      number("calcium_diastolic_uM"), number("calcium_peak_uM"),
+      f.contains("APD90_ms") ? fmt::format(", APD90 {:.3f} ms", number("APD90_ms"))
+      : f.contains("no_action_potential")
+          ? fmt::format("; no action potential: {}", f["no_action_potential"].get<std::string>())
+          : "");
+}
+
 void pace(const CellModel& model, const std::vector<double>& parameters, const Options& o) {
   if (!model.is_ionic())
     throw InputError(fmt::format("{} is a force model: it is driven by calcium and length, see wiggers force",
@@ -142,6 +184,7 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   check_option("--stimulus-onset-ms", o.onset_ms, 0, o.period_ms);
   check_limit_cycle_options(o.distance, o.max_beats);
   const LimitCycleMethod method = limit_cycle_method(o.method);
+  const Attractor attractor = attractor_named(o.attractor);
   if (is_adaptive(o.integrator)) {
     check_option("--rtol", o.rtol, 1e-13, 0.1);
     check_option("--atol", o.atol, 1e-16, 1);
@@ -168,6 +211,7 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
     settings.distance = o.distance;
     settings.max_beats = o.max_beats;
     settings.method = method;
+    settings.attractor = attractor;
     certificate = cell.to_limit_cycle(state, settings, [&](const LimitCycleCertificate& c) {
       progress.update(-1, fmt::format("beat {}, distance {:.1e}", c.beats, c.distance));
     });
@@ -200,25 +244,37 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   nlohmann::ordered_json summary = {{"model", model.name}, {"period_ms", o.period_ms}, {"beats", beats}};
   std::optional<double> shift;
   if (to_cycle) {
-    if (certificate.verdict == LimitCycleVerdict::period_1)
-      shift = cell.integrator_shift(onset_state, check_interrupt);
-    summary["limit_cycle"] = {{"verdict", to_string(certificate.verdict)},
+    if (certificate.good()) shift = cell.integrator_shift(onset_state, check_interrupt);
+    summary["limit_cycle"] = {{"verdict", certificate.text()},
                               {"distance", certificate.distance},
                               {"beats", certificate.beats},
                               {"residual", certificate.residual},
                               {"multiplier", certificate.multiplier},
+                              {"period_beats", certificate.period},
                               {"invariant_mV", charge},
                               {"invariant_drift_mV", cell.invariant_drift()},
                               {"integrator_shift", nullptr}};
     if (shift) summary["limit_cycle"]["integrator_shift"] = *shift;
   }
-  const auto& V = table.columns[1 + model.membrane_potential].values;
-  const auto& Ca = table.columns[1 + model.cytosolic_calcium].values;
-  summary["V_max_mV"] = *std::max_element(V.begin(), V.end());
-  summary["V_min_mV"] = *std::min_element(V.begin(), V.end());
-  summary["Ca_i_max_mM"] = *std::max_element(Ca.begin(), Ca.end());
-  summary["Ca_i_min_mM"] = *std::min_element(Ca.begin(), Ca.end());
-  if (const auto apd = action_potential_duration(table.columns[0].values, V, 0.9)) summary["APD90_ms"] = *apd;
+  if (to_cycle && !certificate.reason.empty()) summary["limit_cycle"]["reason"] = certificate.reason;
+  // Features are of the solution, whatever the spacing of the rows.
+  const auto features = beat_features(model, parameters, o, pulse, cell, onset_state);
+  summary["V_max_mV"] = features["V_peak_mV"];
+  summary["V_min_mV"] = features["V_min_mV"];
+  summary["Ca_i_max_mM"] = 1e-3 * features["calcium_peak_uM"].get<double>();
+  summary["Ca_i_min_mM"] = 1e-3 * features["calcium_diastolic_uM"].get<double>();
+  if (features.contains("APD90_ms")) summary["APD90_ms"] = features["APD90_ms"];
+  if (features.contains("no_action_potential"))
+    summary["no_action_potential"] = features["no_action_potential"];
+  summary["features"] = features;
+  if (to_cycle && certificate.verdict == LimitCycleVerdict::period_n) {
+    std::vector<double> beat_state = onset_state;
+    summary["beats_of_cycle"] = nlohmann::ordered_json::array();
+    for (int beat = 0; beat < certificate.period; ++beat) {
+      summary["beats_of_cycle"].push_back(beat_features(model, parameters, o, pulse, cell, beat_state));
+      cell.beat(beat_state);
+    }
+  }
   if (model.keeps_invariant(parameters.data()))
     summary["charge_drift_mV"] =
         to_cycle ? cell.invariant_drift() : model.invariant(state.data(), parameters.data()) - charge;
@@ -227,23 +283,20 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
 
   fmt::print("{}: {}, period {} ms, {} beats\n", model.name, model.title, o.period_ms, beats);
   if (to_cycle) {
-    fmt::print("limit cycle: {}, distance {:.1e}, leading multiplier {:.4f}, {} beats\n",
-               to_string(certificate.verdict), certificate.distance, certificate.multiplier,
-               certificate.beats);
+    fmt::print("limit cycle: {}, distance {:.1e}, leading multiplier {:.4f}, {} beats\n", certificate.text(),
+               certificate.distance, certificate.multiplier, certificate.beats);
     fmt::print("  conserved charge {:.6g} mV, drift of a beat {:.1e} mV (held)\n", charge,
                cell.invariant_drift());
     if (shift)
       fmt::print("  {} moves the cycle by {:.1e}\n",
                  is_adaptive(o.integrator) ? "a tolerance ten times smaller" : "half the step", *shift);
-    if (certificate.distance > o.distance && certificate.verdict == LimitCycleVerdict::period_1)
-      fmt::print("note: --rtol {} allows no smaller distance; {} was asked for\n", o.rtol, o.distance);
+    if (!certificate.reason.empty()) fmt::print("note: {}\n", certificate.reason);
   }
-  fmt::print("V {:.3f} to {:.3f} mV, Ca_i {:.4g} to {:.4g} mM{}\n", summary["V_min_mV"].get<double>(),
-             summary["V_max_mV"].get<double>(), summary["Ca_i_min_mM"].get<double>(),
-             summary["Ca_i_max_mM"].get<double>(),
-             summary.contains("APD90_ms")
-                 ? fmt::format(", APD90 {:.3f} ms", summary["APD90_ms"].get<double>())
-                 : "");
+  if (summary.contains("beats_of_cycle"))
+    for (std::size_t beat = 0; beat < summary["beats_of_cycle"].size(); ++beat)
+      fmt::print("beat {}: {}\n", beat + 1, feature_line(summary["beats_of_cycle"][beat]));
+  else
+    fmt::print("{}\n", feature_line(features));
   if (!to_cycle && summary.contains("charge_drift_mV") &&
       std::abs(summary["charge_drift_mV"].get<double>()) > 10)
     fmt::print(
@@ -264,7 +317,7 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
     fmt::print("final state: {}\n", o.final_state);
   }
   if (o.json) fmt::print("{}\n", summary.dump());
-  if (to_cycle && certificate.verdict != LimitCycleVerdict::period_1)
+  if (to_cycle && !certificate.good() && certificate.verdict != LimitCycleVerdict::period_n)
     throw NumericalFailure(limit_cycle_failure(certificate));
 }
 
@@ -281,7 +334,12 @@ void add_cell(CLI::App& app) {
   verb->add_option("--until", o->until, "limit-cycle: pace until the cell repeats itself");
   verb->add_option("--method", o->method,
                    "limit-cycle search: anderson | newton | kinsol | pacing [anderson]");
-  verb->add_option("--distance", o->distance, "scaled distance to the limit cycle, 1 [1e-6]");
+  verb->add_option(
+      "--attractor", o->attractor,
+      "paced: the one that plain pacing from the start is heading for, cycles of several beats included | "
+      "any: whichever cycle of one beat is found [paced]");
+  CLI::Option* distance = verb->add_option(
+      "--distance", o->distance, "scaled distance to the limit cycle, 1 [1e-6, or that of --accuracy]");
   verb->add_option("--max-beats", o->max_beats, "give up on the limit cycle after so many beats [2000]");
   CLI::Option* accuracy =
       verb->add_option("--accuracy", o->accuracy,
@@ -311,11 +369,12 @@ void add_cell(CLI::App& app) {
   verb->add_flag("--quiet", o->quiet, "no progress");
   verb->add_flag("--json", o->json, "end standard output with one line of JSON");
   accuracy->excludes(integrator)->excludes(rtol)->excludes(atol);
-  verb->callback([o, stimulus, duration, atol] {
+  verb->callback([o, stimulus, duration, atol, distance] {
     if (!o->accuracy.empty()) {
       const CellAccuracy& chosen = cell_accuracy(o->accuracy);
       o->integrator = chosen.integrator.name;
       o->rtol = chosen.integrator.relative_tolerance;
+      if (distance->count() == 0) o->distance = chosen.distance;
       fmt::print("accuracy {}: {}\n", chosen.name, chosen.expected);
     }
     if (atol->count() == 0) o->atol = std::max(1e-16, 0.01 * o->rtol);

@@ -9,6 +9,7 @@
 #include <wiggers/core/files.hpp>
 #include <wiggers/core/progress.hpp>
 #include <wiggers/heart/accuracy.hpp>
+#include <wiggers/heart/loop_study.hpp>
 #include <wiggers/heart/summary.hpp>
 
 #include "shared.hpp"
@@ -97,26 +98,30 @@ void add_loop(CLI::App& app) {
         progress.update(static_cast<double>(summary.beats) / o->beats);
       }
     }
-    // Indexes from samples of 1 ms or finer, whatever the spacing of the output.
+    // Indexes are of the solution, whatever the spacing of the output.
+    summary.indexes = loop_indexes(solver, state);
     Table output = circulation_table();
     summary.trace = circulation_table();
     if (o->sample_ms > 1) {
       CirculationValues same = state;
       solver.beat(same, o->sample_ms * 1e-3, &output);
     }
-    solver.beat(state, std::min(o->sample_ms, 1.0) * 1e-3, &summary.trace);
+    PhysicalSense sense;
+    solver.beat(state, std::min(o->sample_ms, 1.0) * 1e-3, &summary.trace, &sense);
     ++summary.beats;
+    if (!to_cycle && sense.finding()) {
+      summary.certificate.verdict = LimitCycleVerdict::unphysical;
+      summary.certificate.reason = sense.finding()->text();
+    }
     summary.blood_volume_drift_mL = std::abs(total_volume(loop.circulation, state.data()) - volume);
-    summary.atrial_stimulus_s = wrapped(loop.elastance[RA].tC, loop.period_s);
     summary.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     progress.finish(fmt::format("{} beats", summary.beats));
 
-    const BeatIndexes indexes = compute_indexes(summary.trace, summary.atrial_stimulus_s);
-    fmt::print("{}\n", index_table(indexes, 1.9));
+    fmt::print("{}\n", index_table(summary.indexes, 1.9));
     if (to_cycle)
       fmt::print("limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
-                 to_string(summary.certificate.verdict), summary.certificate.distance,
-                 summary.certificate.beats, summary.certificate.multiplier);
+                 summary.certificate.text(), summary.certificate.distance, summary.certificate.beats,
+                 summary.certificate.multiplier);
     if (summary.integrator_shift)
       fmt::print("  {} moves the cycle by {:.1e}; blood volume held, drift of the last beat {:.1e} mL\n",
                  o->integrator.name == "cvode" ? "a tolerance ten times smaller" : "half the step",
@@ -126,7 +131,8 @@ void add_loop(CLI::App& app) {
       fmt::print("last beat: {}\n", o->output);
     }
     if (o->json) fmt::print("{}\n", summarise(summary).dump());
-    if (to_cycle && summary.certificate.verdict != LimitCycleVerdict::period_1)
+    if (summary.certificate.verdict == LimitCycleVerdict::unphysical ||
+        (to_cycle && !summary.certificate.good()))
       throw NumericalFailure(limit_cycle_failure(summary.certificate));
   });
 }

@@ -37,11 +37,11 @@ void run_monolithic(const Scene& scene, const Options& o) {
   const Table beat = heart.beat(2.5e-4);
   progress.finish();
   fmt::print("{}\n\n{}\n", scene.title,
-             index_table(compute_indexes(beat, atrial_stimulus_s(scene)), scene.body_surface_area_m2));
+             index_table(compute_indexes(beat, atrial_activations_s(scene)), scene.body_surface_area_m2));
   fmt::print(
       "monolithic by {}; limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
-      heart.uses_ida() ? "IDA" : "CVODE", to_string(certificate.verdict), certificate.distance,
-      certificate.beats, certificate.multiplier);
+      heart.uses_ida() ? "IDA" : "CVODE", certificate.text(), certificate.distance, certificate.beats,
+      certificate.multiplier);
   if (!o.output.empty()) {
     write_csv(o.output, beat);
     fmt::print("beat: {}\n", o.output);
@@ -125,8 +125,7 @@ void add_run(CLI::App& app) {
       fmt::print("\n{}\n", index_table(run.indexes(), run.scene().body_surface_area_m2));
     const auto& certificate = run.certificate();
     fmt::print("limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
-               to_string(certificate.verdict), certificate.distance, certificate.beats,
-               certificate.multiplier);
+               certificate.text(), certificate.distance, certificate.beats, certificate.multiplier);
     const auto summary = summarise(run);
     fmt::print("audits: blood volume drift {:.1e} mL, energy imbalance {:.2f} %\n",
                summary["audits"]["blood_volume_drift_mL"].get<double>(),
@@ -139,7 +138,8 @@ void add_run(CLI::App& app) {
     else
       fmt::print("no -o was given: nothing was written\n");
     if (o->json) fmt::print("{}\n", summary.dump());
-    if (run.scene().until_limit_cycle && certificate.verdict != LimitCycleVerdict::period_1)
+    if (certificate.verdict == LimitCycleVerdict::unphysical ||
+        (run.scene().until_limit_cycle && !certificate.good()))
       throw NumericalFailure(limit_cycle_failure(certificate));
   });
 }

@@ -41,11 +41,4 @@ void check_limit_cycle_options(double distance, int max_beats) {
   check_option("--max-beats", max_beats, 3, 1e6);
 }
 
-std::string limit_cycle_failure(const LimitCycleCertificate& c) {
-  return fmt::format(
-      "the limit cycle was not reached: {} after {} beats, distance {:.2g}. Allow more beats, or tighten the "
-      "integrator's tolerance or step: its own noise bounds the distance.",
-      to_string(c.verdict), c.beats, c.distance);
-}
-
 }  // namespace wiggers::command

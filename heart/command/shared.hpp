@@ -19,9 +19,4 @@ bool end_of_run(const std::string& until, int beats);
 // Refuses an option that is not finite or not within its range.
 void check_option(std::string_view option, double value, double lower, double upper);
 void check_limit_cycle_options(double distance, int max_beats);
-// Why a search ended without a cycle, in words.
-std::string limit_cycle_failure(const LimitCycleCertificate& certificate);
-
-// Duration of the action potential at a share of repolarisation; crossings interpolated linearly.
-
 }  // namespace wiggers::command

@@ -131,7 +131,7 @@ def _two_sides(indexes):
                  *(f"{a['pressure_max_mmHg']:.1f} / {a['pressure_min_mmHg']:.1f}" for a in (aorta, pa))))
     for key, name in (("Vmax_mL", "atrium, largest volume [mL]"), ("VpreAC_mL", "atrium, before contraction [mL]"),
                       ("Vmin_mL", "atrium, smallest volume [mL]"), ("pressure_mean_mmHg", "atrium, mean pressure [mmHg]")):
-        rows.append((name, f"{la[key]:.1f}", f"{ra[key]:.1f}"))
+        rows.append((name, *(f"{a[key]:.1f}" if key in a else "" for a in (la, ra))))
     for key, name in (("E_over_A", "E/A"), ("atrial_kick_percent", "share of atrial kick in filling [%]")):
         if key in indexes:
             rows.append((name, *(f"{indexes[key][v]:.2f}" if v in indexes[key] else "" for v in ("MV", "TV"))))
@@ -151,6 +151,8 @@ def _ranges(result):
 
 def _range_row(result, name):
     r = result.ranges[name]
+    if "value" not in r:  # an atrium that does not contract
+        return (name, "", r["unit"], f"{r['lower']:.0f} to {r['upper']:.0f}", f"{r['founding_paper']:.1f}", "")
     flag = "below" if r["value"] < r["lower"] else "above" if r["value"] > r["upper"] else ""
     return (name, f"{r['value']:.1f}", r["unit"], f"{r['lower']:.0f} to {r['upper']:.0f}", f"{r['founding_paper']:.1f}",
             f"<span class='flag'>{flag}</span>")

@@ -36,7 +36,7 @@ class Result:
             self.summary = json.loads(file["summary"][()].decode())
             self.ranges = {
                 name: {key: float(value[()]) for key, value in group.items()}
-                | {"unit": _text(group["value"].attrs["unit"])}
+                | {"unit": _text(group["mean"].attrs["unit"])}
                 for name, group in file.get("reference_ranges", {}).items()
             }
             solver = file.get("solver", {})

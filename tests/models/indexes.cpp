@@ -47,7 +47,7 @@ Table made_up_beat() {
 }  // namespace
 
 TEST_CASE("valve times, phases and indexes of a made-up beat") {
-  const BeatIndexes b = compute_indexes(made_up_beat(), 0.05);
+  const BeatIndexes b = compute_indexes(made_up_beat(), {0.05, 0.05});
   CHECK(*b.valve[MV].opens_s == Approx(0.7).margin(2e-3));
   CHECK(*b.valve[MV].closes_s == Approx(0.2).margin(2e-3));
   CHECK(*b.valve[AV].opens_s == Approx(0.3).margin(2e-3));
@@ -56,7 +56,7 @@ TEST_CASE("valve times, phases and indexes of a made-up beat") {
   CHECK(b.ventricle[0].EDV_mL == Approx(120).margin(0.2));
   CHECK(b.ventricle[0].ESV_mL == Approx(50).margin(0.2));
   CHECK(b.ventricle[0].EF_percent == Approx(100 * 70.0 / 120).margin(0.3));
-  CHECK(b.atrium[0].VpreAC_mL == Approx(37).margin(0.1));
+  CHECK(*b.atrium[0].VpreAC_mL == Approx(37).margin(0.1));
   CHECK(*b.E_mL_per_s[0] == Approx(200));
   CHECK(*b.A_mL_per_s[0] == Approx(50));
   CHECK(*b.E_over_A[0] == Approx(4));

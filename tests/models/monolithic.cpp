@@ -16,7 +16,7 @@ BeatIndexes monolithic(const std::vector<std::string>& changes, bool as_dae = fa
   const Scene scene = read_scene(scenes + name + ".toml", changes);
   MonolithicHeart heart(scene, {1e-7, as_dae});
   CHECK(heart.to_limit_cycle(1e-5).verdict == LimitCycleVerdict::period_1);
-  return compute_indexes(heart.beat(2.5e-4), atrial_stimulus_s(scene));
+  return compute_indexes(heart.beat(2.5e-4), atrial_activations_s(scene));
 }
 BeatIndexes staggered(std::vector<std::string> changes, const char* accuracy,
                       const char* name = "whole_heart") {
@@ -138,7 +138,7 @@ TEST_CASE("elastance hearts: the monolithic system is the loop") {
   const Scene scene = read_scene(scenes + "elastance_healthy.toml", {});
   MonolithicHeart heart(scene, {1e-9, false});
   heart.to_limit_cycle(1e-7);
-  const BeatIndexes b = compute_indexes(heart.beat(1e-3), atrial_stimulus_s(scene));
+  const BeatIndexes b = compute_indexes(heart.beat(1e-3), atrial_activations_s(scene));
   const BeatIndexes fine = staggered({"solver.dt_s=1e-4"}, "standard", "elastance_healthy");
   CHECK(b.ventricle[0].pressure_max_mmHg == Approx(fine.ventricle[0].pressure_max_mmHg).epsilon(2e-3));
   CHECK(b.ventricle[0].SV_mL == Approx(fine.ventricle[0].SV_mL).epsilon(2e-3));

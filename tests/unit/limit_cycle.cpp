@@ -55,7 +55,8 @@ TEST_CASE("a period-2 cycle is called by its name") {
   LimitCycleSearch search(settings, {1});
   std::vector<double> x = {0.3};
   while (search.running()) x = search.next(x, {3.2 * x[0] * (1 - x[0])});  // logistic map: stable 2-cycle
-  CHECK(search.certificate().verdict == LimitCycleVerdict::period_2);
+  CHECK(search.certificate().verdict == LimitCycleVerdict::period_n);
+  CHECK(search.certificate().period == 2);
 }
 
 TEST_CASE("a drifting map is not called a cycle") {
