@@ -239,8 +239,9 @@ class Batch(Held):
 
 
 def _position(names: list[str], name: str, kind: str) -> int:
+    text(name, f"name of the {kind}")
     try:
-        return names.index(text(name, f"name of the {kind}"))
+        return names.index(name)
     except ValueError:
         import difflib
 
