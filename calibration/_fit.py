@@ -139,7 +139,8 @@ class Fit:
             return []
         costs = [s.cost for s in self.searches if s.cost is not None]
         same = sum(cost <= 1.01 * self.cost + 1e-9 for cost in costs)
-        lines = [f"{len(self.searches)} starts: {same} ended at the best cost, {len(costs) - same} at others"]
+        lines = [f"{len(self.searches)} starts: {same} ended at the best cost"
+                 + (f", {len(costs) - same} at others" if len(costs) > same else "")]
         for k, search in enumerate(self.searches):
             if search.cost is None:
                 lines.append(f"  start {k + 1} ({_short(search.start)}): {search.message}")

@@ -225,6 +225,16 @@ def test_ranges_alone(truth, tmp_path, inside):
         assert fit.parameters == pytest.approx({n: loop.parameters[n] for n in free}, rel=1e-6)
 
 
+def test_a_range_on_its_edge_measures_nothing(truth):
+    loop, indexes = truth
+    # A weak pull holds the search a little outside: met, and no knowledge of a quarter of the width's precision.
+    fit = least_squares(Problem(loop, {"elastance.LV.EA": Free(1, 8)}, [
+        Target("LV.EF_percent", within=(50, 58)), Target("LV.ESV_mL", indexes["LV.ESV_mL"], sd=100)]))
+    assert 58 < fit.outputs["LV.EF_percent"] < 58.2 and not fit.missed
+    assert fit.point.residuals[0] > 0 and not fit.jacobian[0].any() and fit.jacobian[1].any()
+    assert fit.undetermined == ["elastance.LV.EA"] and fit.intervals["elastance.LV.EA"] == (1, 8)
+
+
 def test_differences_and_ratios(truth):
     loop, indexes = truth
     outputs = [Difference("LV.EDV_mL", "RV.EDV_mL"), Ratio("RV.EDV_mL", "LV.EDV_mL"),
