@@ -18,9 +18,10 @@ COLLINEAR = 0.95
 @dataclass
 class Explanation:
     """constrained_by: target -> [(parameter, residual's change over a tenth of the parameter's bounds)], strongest
-    first. widths: half of the 95 % interval as a share of the bounds (0.5 and more: not determined). groups: parameters that the targets see
-    only together (correlation above 0.95). unidentified: directions in which a step across the bounds moves no
-    target by one sd, each as [(parameter, share)]. singular_values: of the residuals' Jacobian over the bounds."""
+    first. widths: half of the 95 % interval as a share of the bounds (0.5 and more: not determined). groups:
+    parameters that the targets see only together (correlation above 0.95). unidentified: directions in which a step
+    across the bounds moves no target by one sd, each as [(parameter, share)]. singular_values: of the residuals'
+    Jacobian over the bounds."""
 
     constrained_by: dict[str, list[tuple[str, float]]]
     widths: dict[str, float]

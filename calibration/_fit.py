@@ -101,8 +101,8 @@ class Fit:
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
-        """95 % from the linearised problem, as honest as the targets' sd; of `undetermined` parameters the bounds, which
-        are all that is known."""
+        """95 % from the linearised problem, as honest as the targets' sd; of `undetermined` parameters the bounds,
+        which are all that is known."""
         widths = 1.959964 * np.sqrt(np.diag(self.covariance))
         undetermined = self.undetermined
         result = {}
@@ -130,8 +130,8 @@ class Fit:
         lines += self._words_on_starts()
         if self.failures:
             values, reason = self.failures[-1]
-            lines.append(f"{len(self.failures)} points without a limit cycle were rejected; the last ({_short(values)}): "
-                         f"{reason}")
+            lines.append(f"{len(self.failures)} points without a limit cycle were rejected; the last "
+                         f"({_short(values)}): {reason}")
         return lines + [f"doubtful: {words}" for words in self.problem.doubts]
 
     def _words_on_starts(self) -> list[str]:
@@ -148,13 +148,15 @@ class Fit:
 
     def __repr__(self) -> str:
         lines = self.verdict
-        lines.append(f"cost {self.cost:.4g}, {self.solves} limit cycles, {self.gradients} gradients, {self.seconds:.2f} s")
+        lines.append(f"cost {self.cost:.4g}, {self.solves} limit cycles, {self.gradients} gradients, "
+                     f"{self.seconds:.2f} s")
         undetermined, intervals = self.undetermined, self.intervals
         for name, value in self.parameters.items():
             low, high = intervals[name]
             known = NOT_DETERMINED if name in undetermined else f"95 %: {low:.6g} to {high:.6g}"
             tie = f"   = {self.problem.ties[name]}" if name in self.problem.ties else ""
-            lines.append(f"  {name:<34} {value:>12.6g}   {known}{tie}" + ("   at its bound" if name in self.at_bound else ""))
+            bound = "   at its bound" if name in self.at_bound else ""
+            lines.append(f"  {name:<34} {value:>12.6g}   {known}{tie}{bound}")
         return "\n".join(lines)
 
 
@@ -182,7 +184,8 @@ class _NoDerivatives(Exception):
     """An accepted point where the cycle cannot be differentiated: the search ends there."""
 
 
-def _search(problem: Problem, x0: np.ndarray, tolerance: float, max_gradients: int, verbose: int) -> tuple[Search, Fit | None]:
+def _search(problem: Problem, x0: np.ndarray, tolerance: float, max_gradients: int,
+            verbose: int) -> tuple[Search, Fit | None]:
     """One search. A point without a cycle has infinite residuals, which scipy takes for a step too long."""
     from scipy.optimize import least_squares as scipy_least_squares
 

@@ -45,8 +45,8 @@ Output = str | Difference | Ratio
 def _check(*outputs: Output) -> None:
     for output in outputs:
         if not isinstance(output, Output):
-            raise wiggers.InputError(f"output {output!r} is of type {type(output).__name__}, wanted is a name, a Difference "
-                                     "or a Ratio")
+            raise wiggers.InputError(f"output {output!r} is of type {type(output).__name__}, wanted is a name, a "
+                                     "Difference or a Ratio")
 
 
 def names_in(output: Output) -> list[str]:

@@ -86,10 +86,11 @@ class Problem:
         for name, bounds in self.free.items():
             info = parameters.info(name)
             if not isinstance(bounds, Free):
-                raise wiggers.InputError(f"free: {name} = {bounds!r} is of type {type(bounds).__name__}, wanted is a Free")
+                raise wiggers.InputError(f"free: {name} = {bounds!r} is of type {type(bounds).__name__}, wanted is a "
+                                         "Free")
             if bounds.lower < info.lower or bounds.upper > info.upper:
-                raise wiggers.InputError(f"{name}: bounds {bounds.lower} to {bounds.upper} {info.unit} leave its range, "
-                                         f"{info.lower} to {info.upper} {info.unit}")
+                raise wiggers.InputError(f"{name}: bounds {bounds.lower} to {bounds.upper} {info.unit} leave its "
+                                         f"range, {info.lower} to {info.upper} {info.unit}")
         check_ties(self.ties, self.free, held or {}, parameters)
         self._units = _units_of_outputs(self.model)
         for target in self.targets:
@@ -221,8 +222,8 @@ class Problem:
 
     def outputs_of_many(self, xs: np.ndarray, *, threads: int | None = None,
                         executor: Any = None) -> tuple[np.ndarray, list[str]]:
-        """The targets' outputs at many points [point, target] as one batch: NaN where there is no cycle or it has no such
-        output, and the reason for each point of which something is missing."""
+        """The targets' outputs at many points [point, target] as one batch: NaN where there is no cycle or it has no
+        such output, and the reason for each point of which something is missing."""
         samples = self.samples(xs)
         options: dict[str, Any] = {"near": self.base} if executor is None and self.base is not None else {}
         batch = self.model.batch(samples, self.set_names, distance=self.distance, threads=threads, executor=executor,

@@ -42,7 +42,8 @@ def write_report(fit: Fit, path: str | os.PathLike[str], title: str = "Calibrati
     for target, output in zip(fit.problem.targets, fit.point.outputs, strict=True):
         kind = "good" if target.met(output) else "flag"
         targets.append([html.escape(target.label), f"{output:.5g}", html.escape(target.text),
-                        html.escape(fit.problem.unit_of(target)), f"<span class='{kind}'>{target.off(output):+.2f}</span>"])
+                        html.escape(fit.problem.unit_of(target)),
+                        f"<span class='{kind}'>{target.off(output):+.2f}</span>"])
     searches = [[str(k + 1), "" if s.cost is None else f"{s.cost:.5g}", html.escape(s.message)]
                 for k, s in enumerate(fit.searches)]
     verdict = "<br>".join(html.escape(line) for line in fit.verdict)

@@ -49,9 +49,9 @@ class Missed:
 class Target:
     """A value with its standard deviation, or a range.
 
-    name: an output of the model ("LV.EDV_mL"), or a Difference or Ratio of two; unit: refused if it is not the output's; sd: of a value (default:
-    `relative_sd` of it); within: a range (lower, upper), inside which nothing is to be gained, outside which the
-    distance counts in quarters of the range's width; weight: multiplies the residual.
+    name: an output of the model ("LV.EDV_mL"), or a Difference or Ratio of two; unit: refused if it is not the
+    output's; sd: of a value (default: `relative_sd` of it); within: a range (lower, upper), inside which nothing is to
+    be gained, outside which the distance counts in quarters of the range's width; weight: multiplies the residual.
     """
 
     name: Output

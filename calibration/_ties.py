@@ -26,7 +26,8 @@ class Tie:
             if not abs(number) < float("inf"):
                 raise wiggers.InputError(f"tie to {self.to}: {what} = {number} is not finite")
         if self.times == 0:
-            raise wiggers.InputError(f"tie to {self.to}: times = 0 ties nothing; hold the parameter at {self.plus} instead")
+            raise wiggers.InputError(f"tie to {self.to}: times = 0 ties nothing; hold the parameter at {self.plus} "
+                                     "instead")
 
     def value(self, source: float) -> float:
         return self.times * source + self.plus
@@ -51,12 +52,12 @@ def check_ties(ties: Mapping[str, Tie], free: Mapping[str, Any], held: Mapping[s
                 raise wiggers.InputError(f"{name} is {kind} and tied to {tie.to}: choose one")
         if tie.to not in free:
             parameters.info(tie.to)  # refuses an unknown name with the nearest
-            raise wiggers.InputError(f"{name} is tied to {tie.to}, which is not free: hold {name} at a value, or tie it to "
-                                     f"a free parameter ({', '.join(free)})")
+            raise wiggers.InputError(f"{name} is tied to {tie.to}, which is not free: hold {name} at a value, or tie it "
+                                     f"to a free parameter ({', '.join(free)})")
         unit = parameters.info(tie.to).unit
         if unit != info.unit and tie.times == 1:
             raise wiggers.InputError(f"{name} ({info.unit}) is tied to {tie.to} ({unit}): units differ, so say times")
         low, high = tie.interval(free[tie.to].lower, free[tie.to].upper)
         if low < info.lower or high > info.upper:
-            raise wiggers.InputError(f"{name} = {tie}: {low:g} to {high:g} {info.unit} over the bounds of {tie.to}, which leave "
-                                     f"its range, {info.lower} to {info.upper} {info.unit}")
+            raise wiggers.InputError(f"{name} = {tie}: {low:g} to {high:g} {info.unit} over the bounds of {tie.to} "
+                                     f"leave its range, {info.lower} to {info.upper} {info.unit}")

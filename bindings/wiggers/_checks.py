@@ -30,7 +30,7 @@ not_given: Final = NotGiven.not_given
 
 def shown(value: Any) -> str:
     """A value for a message, of bounded length."""
-    text = repr(value)
+    text = repr(value.item() if isinstance(value, np.generic) else value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 

@@ -78,7 +78,8 @@ class _Periodic(_Model):
         """
         with showing(progress, f"{self._kind}: limit cycle") as bar:
             state, certificate = self._core.to_limit_cycle(
-                None if near is not_given else _state(near, "near"), real(distance, "distance"), _beats_allowed(max_beats),
+                None if near is not_given else _state(near, "near"), real(distance, "distance"),
+                _beats_allowed(max_beats),
                 text(method, "method"), bar.beats)
         if not certificate.converged:
             raise _core.NumericalFailure(
@@ -136,7 +137,8 @@ class _Periodic(_Model):
         workers = (os.cpu_count() or 1) if threads is None else whole(threads, "threads", 1, 1024)
         if executor is not None:
             if not hasattr(executor, "submit"):
-                raise _core.InputError(f"executor = {shown(executor)} has no submit(): it is no concurrent.futures.Executor")
+                raise _core.InputError(f"executor = {shown(executor)} has no submit(): wanted is an Executor of "
+                                       "concurrent.futures or its like")
             size = max(1, len(values) // 64) if chunk is None else whole(chunk, "chunk")
             # Each task has a model of its own, also where the executor's threads share this process.
             parts = [executor.submit(_solve_part, self.copy(), names, values[k:k + size], options)
@@ -149,8 +151,8 @@ class _Periodic(_Model):
                         bar.share(len(done) / len(parts))
             return Batch.join(done)
         with showing(progress, f"{self._kind}: batch", 1) as bar:
-            rows = self._core.batch(names, values, options.get("near"), options["distance"], options["max_beats"], workers,
-                                    bar.share, **self._batch_options)
+            rows = self._core.batch(names, values, options.get("near"), options["distance"], options["max_beats"],
+                                    workers, bar.share, **self._batch_options)
         return Batch(rows.names, rows.units, rows.values, rows.states, rows.reasons, names, values)
 
     def _on_cycle(self, cycle: State) -> np.ndarray:
@@ -230,7 +232,8 @@ class Cell(_Equations, _Refinable):
         first = self.initial_state if start is not_given else _state(start, "start")
         with showing(progress, f"{self._kind}: beats") as bar:
             columns, end = self._core.run(first, whole(beats, "beats", 1, MOST_BEATS), real(sample_ms, "sample_ms"),
-                                          text(integrator, "integrator"), real(rtol, "rtol"), real(atol, "atol"), bar.beats)
+                                          text(integrator, "integrator"), real(rtol, "rtol"), real(atol, "atol"),
+                                          bar.beats)
         return Trace(columns, end)
 
     def sensitivities(self, cycle: State, *, progress: Progress = None) -> Sensitivities:
@@ -277,7 +280,8 @@ class Loop(_Equations):
         flows. p_VEN_SYS of the start is moved so that the blood volume is this loop's. trace.end_state continues it."""
         first = self.initial_state if start is not_given else _state(start, "start")
         with showing(progress, "loop: beats") as bar:
-            columns, end = self._core.run(first, whole(beats, "beats", 1, MOST_BEATS), real(sample_s, "sample_s"), bar.beats)
+            columns, end = self._core.run(first, whole(beats, "beats", 1, MOST_BEATS), real(sample_s, "sample_s"),
+                                          bar.beats)
         return Trace(columns, end)
 
     def sensitivities(self, cycle: State, *, progress: Progress = None) -> Sensitivities:
@@ -337,7 +341,8 @@ class Heart(_Refinable):
                       progress: Progress = None) -> Sensitivities:
         """Derivatives of every index on the limit cycle by the named parameters (none named: by all)."""
         with showing(progress, "heart: sensitivities", 1) as bar:
-            return self._sensitivities(self._core.sensitivities(self._on_cycle(cycle), texts(parameters, "parameters"), bar.share))
+            return self._sensitivities(
+                self._core.sensitivities(self._on_cycle(cycle), texts(parameters, "parameters"), bar.share))
 
     def _structure(self) -> str:
         # The scene but for its numbers, and those that are no parameters.

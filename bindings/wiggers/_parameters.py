@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ._checks import real, reals, text
+from ._checks import real, reals, shown, text
 from ._core import InputError, Parameter
 
 
@@ -74,7 +74,11 @@ class Parameters(MutableMapping):
         """Changes several at once."""
         names = self.names
         values = self.array
-        for name, value in {**dict(other), **more}.items():
+        try:
+            changes = {**dict(other), **more}
+        except (TypeError, ValueError):
+            raise InputError(f"changes of parameters = {shown(other)}: wanted is a mapping from names to values") from None
+        for name, value in changes.items():
             if name not in names:
                 self.info(name)
             values[names.index(name)] = real(value, name)

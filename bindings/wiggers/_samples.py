@@ -40,7 +40,11 @@ def _columns(samples: Any) -> dict[str, Any] | None:
     for listing in ("column_names", "columns"):
         found = getattr(samples, listing, None)
         if found is not None and not callable(found) and hasattr(samples, "__getitem__"):
-            return {name: samples[name] for name in _distinct(texts(found, "columns of the samples"))}
+            names = _distinct(texts(found, "columns of the samples"))
+            try:
+                return {name: samples[name] for name in names}
+            except (KeyError, TypeError) as error:
+                raise InputError(f"samples of type {type(samples).__name__} give no columns by name: {error}") from None
     if isinstance(samples, Sequence) and not isinstance(samples, str) and len(samples) and all(
             isinstance(row, Mapping) for row in samples):
         first = list(samples[0])

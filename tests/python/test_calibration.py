@@ -165,7 +165,7 @@ def test_missed_targets_are_said(truth, tmp_path):
 
 
 @pytest.mark.parametrize(("target", "words"), [
-    (Target("LV.EF_percent", 0.38), ["LV.EF_percent: 0.38 ± 0.0076 is taken in %", "given as a share of 1", 'unit="%"']),
+    (Target("LV.EF_percent", 0.38), ["LV.EF_percent: 0.38 ± 0.0076 is taken in %", "a share of 1", 'unit="%"']),
     (Target("LV.EF_percent", within=(0.5, 0.7)), ["taken in %", "a share of 1"]),
     (Target("LV.EDV_mL", 0.12), ["taken in mL", "given as L?"]),
     (Target("aorta.pressure_max_mmHg", 16.0), ["taken in mmHg", "given as kPa?"]),
@@ -271,16 +271,18 @@ def test_differences_and_ratios(truth):
 
 def test_ties_of_a_loop(truth, tmp_path):
     loop, _ = truth
-    free = {"elastance.LV.EA": Free(1, 8), "elastance.LV.tC": Free(0.01, 0.1, "linear"), "circuit.SYS.R_AR": Free(0.3, 2)}
-    ties = {"elastance.RV.EA": Tie("elastance.LV.EA", times=0.2, plus=0.01), "elastance.RV.tC": Tie("elastance.LV.tC", plus=0.005),
+    free = {"elastance.LV.EA": Free(1, 8), "elastance.LV.tC": Free(0.01, 0.1, "linear"),
+            "circuit.SYS.R_AR": Free(0.3, 2)}
+    ties = {"elastance.RV.EA": Tie("elastance.LV.EA", times=0.2, plus=0.01),
+            "elastance.RV.tC": Tie("elastance.LV.tC", plus=0.005),
             "elastance.LV.EB": Tie("elastance.LV.EA", times=0.03)}
     assert str(ties["elastance.RV.tC"]) == "elastance.LV.tC + 0.005"
     true = loop.copy()
-    true.parameters.update({"elastance.LV.EA": 3.0, "elastance.RV.EA": 0.61, "elastance.LV.EB": 0.09, "elastance.LV.tC": 0.03,
-                            "elastance.RV.tC": 0.035})
+    true.parameters.update({"elastance.LV.EA": 3.0, "elastance.RV.EA": 0.61, "elastance.LV.EB": 0.09,
+                            "elastance.LV.tC": 0.03, "elastance.RV.tC": 0.035})
     indexes = true.to_limit_cycle(distance=1e-11).indexes
-    wanted = ["LV.EDV_mL", "LV.ESV_mL", "RV.EDV_mL", "aorta.pressure_max_mmHg", "RV.pressure_max_mmHg", "valves.AV.opens_s",
-              "valves.PV.opens_s"]
+    wanted = ["LV.EDV_mL", "LV.ESV_mL", "RV.EDV_mL", "aorta.pressure_max_mmHg", "RV.pressure_max_mmHg",
+              "valves.AV.opens_s", "valves.PV.opens_s"]
     problem = Problem(loop, free, [Target(n, indexes[n]) for n in wanted], ties=ties, distance=1e-11)
     x = problem.start + np.array([0.05, 0.007, 0.1])
     exact = problem.jacobian(x).copy()
@@ -306,7 +308,8 @@ def test_ties_of_a_heart():
     heart = wiggers.Heart(HEART)
     free = {"walls.LV.tC": Free(0.1, 0.25, "linear"), "walls.LV.EA": Free(1, 6)}
     problem = Problem(heart, free, [Target("LV.EDV_mL", 110), Target("RV.EDV_mL", 110), Target("LV.SV_mL", 70)],
-                      ties={"walls.RV.tC": Tie("walls.LV.tC", plus=0.005), "walls.RV.EA": Tie("walls.LV.EA", times=0.2)},
+                      ties={"walls.RV.tC": Tie("walls.LV.tC", plus=0.005),
+                            "walls.RV.EA": Tie("walls.LV.EA", times=0.2)},
                       distance=1e-10)
     x = problem.start + np.array([0.0004, 0.03])
     exact = problem.output_jacobian(x).copy()
@@ -316,8 +319,8 @@ def test_ties_of_a_heart():
         quotient = (problem.point(x + step).outputs - problem.point(x - step).outputs) / (2 * h)
         assert quotient == pytest.approx(exact[:, k], rel=1e-2, abs=1e-3 * np.abs(exact[:, k]).max())
     values = problem.values(x)
-    assert values["walls.RV.tC"] == values["walls.LV.tC"] + 0.005 and problem.model.parameters["walls.RV.EA"] == pytest.approx(
-        0.2 * problem.model.parameters["walls.LV.EA"], rel=1e-3)
+    assert values["walls.RV.tC"] == values["walls.LV.tC"] + 0.005
+    assert values["walls.RV.EA"] == 0.2 * values["walls.LV.EA"]
 
 
 def test_many_starts(truth, tmp_path):
@@ -331,7 +334,8 @@ def test_many_starts(truth, tmp_path):
     bad = [s for s in fit.searches if s.cost is None]
     assert 0 < len(bad) < 6
     for search in bad:
-        assert search.end is None and search.start["elastance.LV.TC"] > 0.6 and "longer than the period" in search.message
+        assert search.end is None and search.start["elastance.LV.TC"] > 0.6
+        assert "longer than the period" in search.message
     good = [s for s in fit.searches if s.cost is not None]
     assert fit.cost == min(s.cost for s in good)
     assert fit.parameters == pytest.approx({n: loop.parameters[n] for n in free}, rel=1e-4)
@@ -399,7 +403,8 @@ def test_no_derivatives_end_a_search_with_a_reason(truth, monkeypatch):
 
 @pytest.mark.parametrize(("make", "words"), [
     (lambda m: Tie(3), "tie's to = 3"), (lambda m: Tie("elastance.LV.EA", times="2"), "times = '2' is not a number"),
-    (lambda m: Tie("elastance.LV.EA", times=0), "ties nothing"), (lambda m: Tie("elastance.LV.EA", plus=float("nan")), "not finite"),
+    (lambda m: Tie("elastance.LV.EA", times=0), "ties nothing"),
+    (lambda m: Tie("elastance.LV.EA", plus=float("nan")), "not finite"),
     (lambda m: tied(m, {"elastance.RV.EA": 0.2}), "wanted is a Tie"),
     (lambda m: tied(m, {"elastance.RV.EX": Tie("elastance.LV.EA")}), "did you mean 'elastance.RV.EA'"),
     (lambda m: tied(m, {"elastance.RV.EA": Tie("elastance.LV.EX")}), "did you mean 'elastance.LV.EA'"),
@@ -409,18 +414,23 @@ def test_no_derivatives_end_a_search_with_a_reason(truth, monkeypatch):
     (lambda m: tied(m, {"elastance.RV.tC": Tie("elastance.LV.EA")}), "units differ, so say times"),
     (lambda m: tied(m, {"elastance.RV.EA": Tie("elastance.LV.EA", plus=-2)}), "leave its range"),
     (lambda m: Difference("LV.EDV_mL", 3), "wanted is a name"), (lambda m: Target(3, 1.0), "name of a target = 3"),
-    (lambda m: tied(m, {}, [Target(Difference("LV.EDV_mL", "LV.EF_percent"), 3)]), "LV.EDV_mL is in mL, LV.EF_percent in %"),
+    (lambda m: tied(m, {}, [Target(Difference("LV.EDV_mL", "LV.EF_percent"), 3)]),
+     "LV.EDV_mL is in mL, LV.EF_percent in %"),
     (lambda m: tied(m, {}, [Target(Ratio("LV.EDV", "RV.EDV_mL"), 3)]), "did you mean 'LV.EDV_mL'"),
-    (lambda m: tied(m, {}, [Target(Ratio("LV.EDV_mL", "RV.EDV_mL"), 1, unit="mL")]), "unit mL, but this output is in 1"),
-    (lambda m: Target("LV.EDV_mL", "100"), "value = '100' is not a number"), (lambda m: Target("LV.EDV_mL", True), "is not a number"),
-    (lambda m: Target("LV.EDV_mL", within=5), "wanted is"), (lambda m: Target("LV.EDV_mL", 5, sd=1j), "sd = 1j is not a number"),
+    (lambda m: tied(m, {}, [Target(Ratio("LV.EDV_mL", "RV.EDV_mL"), 1, unit="mL")]),
+     "unit mL, but this output is in 1"),
+    (lambda m: Target("LV.EDV_mL", "100"), "value = '100' is not a number"),
+    (lambda m: Target("LV.EDV_mL", True), "is not a number"),
+    (lambda m: Target("LV.EDV_mL", within=5), "wanted is"),
+    (lambda m: Target("LV.EDV_mL", 5, sd=1j), "sd = 1j is not a number"),
     (lambda m: Free("1", 2), "lower bound = '1'"), (lambda m: Free(True, 2), "lower bound = True"),
     (lambda m: Problem(m, {"elastance.LV.EA": (1, 2)}, [Target("LV.EDV_mL", 100)]), "wanted is a Free"),
     (lambda m: Problem(m, {"elastance.LV.EA": Free(1, 6)}, ["LV.EDV_mL"]), "wanted is a Target"),
     (lambda m: least_squares(tied(m, {}), start=None), "start has dtype object"),
     (lambda m: least_squares(tied(m, {}), start=np.ones(2)), r"start has shape \(2,\)"),
     (lambda m: least_squares(tied(m, {}), start=np.array([np.nan])), "finite coordinates"),
-    (lambda m: least_squares(tied(m, {}), starts=0), "starts = 0"), (lambda m: least_squares(tied(m, {}), starts=True), "starts = True"),
+    (lambda m: least_squares(tied(m, {}), starts=0), "starts = 0"),
+    (lambda m: least_squares(tied(m, {}), starts=True), "starts = True"),
 ])
 def test_refusals_of_ties_and_outputs(truth, make, words):
     with pytest.raises(wiggers.InputError, match=words):

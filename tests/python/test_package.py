@@ -257,7 +257,8 @@ def test_models_pickle():
 def same(a, b):
     """Equal in every number and word, whatever the class."""
     if isinstance(a, np.ndarray):
-        return isinstance(b, np.ndarray) and np.array_equal(a, b, equal_nan=True) and a.flags.writeable == b.flags.writeable
+        return (isinstance(b, np.ndarray) and np.array_equal(a, b, equal_nan=True)
+                and a.flags.writeable == b.flags.writeable)
     if isinstance(a, wiggers.Trace):
         return a.names == b.names and all(same(a[n], b[n]) and (a.unit(n), a.meaning(n)) == (b.unit(n), b.meaning(n))
                                           for n in a.names) and same(a.end_state, b.end_state)

@@ -109,7 +109,8 @@ def test_numbers_are_refused_by_name(loop, cell, heart, force, wrong):
             (EA, lambda: wiggers.Loop(changes={EA: wrong})), ("dt_s", lambda: wiggers.Loop(dt_s=wrong)),
             ("rtol", lambda: wiggers.Loop(rtol=wrong)), ("Kd0", lambda: wiggers.Force(Kd0=wrong)),
             ("t = ", lambda: loop.rhs(wrong, y)), ("t = ", lambda: loop.jacobian(wrong, y)),
-            ("sample_s", lambda: loop.run(1, sample_s=wrong)), ("distance", lambda: loop.to_limit_cycle(distance=wrong)),
+            ("sample_s", lambda: loop.run(1, sample_s=wrong)),
+            ("distance", lambda: loop.to_limit_cycle(distance=wrong)),
             ("sample_ms", lambda: cell.run(1, sample_ms=wrong)), ("rtol", lambda: cell.run(1, rtol=wrong)),
             ("calcium_uM", lambda: force.rhs(z, wrong, 2.0)), ("SL_um", lambda: force.jacobian(z, 0.3, wrong)),
             ("dSL_dt_um_per_s", lambda: force.rhs(z, 0.3, 2.0, wrong)),
@@ -138,7 +139,8 @@ def test_whole_numbers_of_any_type(loop):
 @pytest.mark.parametrize(("name", "call"), [
     ("model = 5", lambda l, h, f: wiggers.Cell(5)), ("parameters = None", lambda l, h, f: wiggers.Force(None)),
     ("scene = None", lambda l, h, f: wiggers.Heart(None)), ("source = 3", lambda l, h, f: wiggers.Loop(3)),
-    ("integrator = 4", lambda l, h, f: wiggers.Loop(integrator=4)), ("method = 1", lambda l, h, f: l.to_limit_cycle(method=1)),
+    ("integrator = 4", lambda l, h, f: wiggers.Loop(integrator=4)),
+    ("method = 1", lambda l, h, f: l.to_limit_cycle(method=1)),
     ("accuracy = True", lambda l, h, f: wiggers.Heart(SCENE, accuracy=True)),
     ("walls.LV.EA = None", lambda l, h, f: wiggers.Heart(SCENE, set={"walls.LV.EA": None})),
     ("walls.LV.EA = 1j", lambda l, h, f: wiggers.Heart(SCENE, set={"walls.LV.EA": 1j})),
@@ -150,6 +152,8 @@ def test_whole_numbers_of_any_type(loop):
     ("parameters = 'walls.LV.EA'", lambda l, h, f: h.sensitivities(h.to_limit_cycle(), "walls.LV.EA")),
     ("parameters[0] = 3", lambda l, h, f: h.sensitivities(h.to_limit_cycle(), [3])),
     ("names = 'elastance.LV.EA'", lambda l, h, f: l.batch(np.ones((1, 1)), EA)),
+    ("changes of parameters = None", lambda l, h, f: l.parameters.update(None)),
+    ("changes of parameters = 3", lambda l, h, f: wiggers.Loop(changes=3)),
     ("progress = 'yes'", lambda l, h, f: l.to_limit_cycle(progress="yes")),
     ("executor = 3", lambda l, h, f: l.batch({EA: [2.0]}, executor=3)),
     ("t = nan", lambda l, h, f: l.rhs(np.nan, l.initial_state)),
@@ -160,11 +164,15 @@ def test_words_are_refused_by_name(loop, heart, force, name, call):
 
 @pytest.mark.parametrize(("words", "arguments"), [
     ("t_s has shape (0,)", ([], [])), ("t_s has shape (1,)", ([0.0], [0.3])), ("t_s has shape ()", (0.0, 0.3)),
-    ("t_s has shape (2, 1)", ([[0.0], [1.0]], [[0.3], [0.3]])), ("t_s[2] = 0.1 does not increase", ([0, 0.2, 0.1], [0.3] * 3)),
-    ("t_s[1] = 0 does not increase", ([0, 0], [0.3] * 2)), ("calcium_uM has shape (2,), t_s has (3,)", ([0, 1, 2], [0.3] * 2)),
+    ("t_s has shape (2, 1)", ([[0.0], [1.0]], [[0.3], [0.3]])),
+    ("t_s[2] = 0.1 does not increase", ([0, 0.2, 0.1], [0.3] * 3)),
+    ("t_s[1] = 0 does not increase", ([0, 0], [0.3] * 2)),
+    ("calcium_uM has shape (2,), t_s has (3,)", ([0, 1, 2], [0.3] * 2)),
     ("SL_um has shape (2,)", ([0, 1, 2], [0.3] * 3, [2.0, 2.0])), ("t_s[1] = nan", ([0, np.nan], [0.3] * 2)),
-    ("calcium_uM[1]: Ca = -0.1 uM is outside", ([0, 1], [0.3, -0.1])), ("SL_um[1]: SL = 40", ([0, 1], [0.3] * 2, [2, 40])),
-    ("calcium_uM has dtype complex128", ([0, 1], [0.3, 0.3j])), ("SL_um has dtype bool", ([0, 1], [0.3] * 2, np.array(True))),
+    ("calcium_uM[1]: Ca = -0.1 uM is outside", ([0, 1], [0.3, -0.1])),
+    ("SL_um[1]: SL = 40", ([0, 1], [0.3] * 2, [2, 40])),
+    ("calcium_uM has dtype complex128", ([0, 1], [0.3, 0.3j])),
+    ("SL_um has dtype bool", ([0, 1], [0.3] * 2, np.array(True))),
     ("t_s[0] = True", ([True, 2], [0.3] * 2)),
 ])
 def test_twitches_are_refused_by_name(force, words, arguments):
@@ -172,9 +180,12 @@ def test_twitches_are_refused_by_name(force, words, arguments):
 
 
 @pytest.mark.parametrize(("words", "call"), [
-    ("calcium_uM has shape (0,)", lambda f: f.force_calcium([])), ("calcium_uM has shape ()", lambda f: f.force_calcium(0.3)),
-    ("calcium_uM has dtype object", lambda f: f.force_calcium([0.3, None])), ("[0] = nan", lambda f: f.force_calcium([np.nan])),
-    ("outside its range 0 to 1000 uM", lambda f: f.force_calcium([-1.0])), ("outside its range", lambda f: f.steady_state(np.nan)),
+    ("calcium_uM has shape (0,)", lambda f: f.force_calcium([])),
+    ("calcium_uM has shape ()", lambda f: f.force_calcium(0.3)),
+    ("calcium_uM has dtype object", lambda f: f.force_calcium([0.3, None])),
+    ("[0] = nan", lambda f: f.force_calcium([np.nan])),
+    ("outside its range 0 to 1000 uM", lambda f: f.force_calcium([-1.0])),
+    ("outside its range", lambda f: f.steady_state(np.nan)),
     ("calcium_uM: Ca = nan", lambda f: f.rhs(f.initial_state, np.nan, 2.0)),
     ("SL_um: SL = 0.1 um is outside", lambda f: f.jacobian(f.initial_state, 0.3, 0.1)),
     ("dSL_dt_um_per_s: dSL/dt = inf", lambda f: f.rhs(f.initial_state, 0.3, 2.0, np.inf)),
@@ -217,12 +228,13 @@ def tables():
         "pandas": pandas.DataFrame(TABLE), "pandas of objects": pandas.DataFrame(TABLE, index=list("abc")),
         "nullable": pandas.DataFrame(TABLE).convert_dtypes(), "float32": pandas.DataFrame(TABLE).astype("float32"),
         "quacks": Quacks({n: np.array(v) for n, v in TABLE.items()}), "dicts": rows, "tuples of dicts": tuple(rows),
-        "structured": structured, "records": structured.view(np.recarray), "mapping of series": dict(pandas.DataFrame(TABLE)),
+        "structured": structured, "records": structured.view(np.recarray),
+        "mapping of series": dict(pandas.DataFrame(TABLE)),
     }
 
 
-@pytest.mark.parametrize("kind", ["pandas", "pandas of objects", "nullable", "float32", "quacks", "dicts", "tuples of dicts",
-                                  "structured", "records", "mapping of series"])
+@pytest.mark.parametrize("kind", ["pandas", "pandas of objects", "nullable", "float32", "quacks", "dicts",
+                                  "tuples of dicts", "structured", "records", "mapping of series"])
 def test_batches_take_tables(loop, kind):
     wanted = loop.batch(np.column_stack(list(TABLE.values())), list(TABLE))
     batch = loop.batch(tables()[kind])
@@ -261,12 +273,15 @@ def frame_with(column, name=EA):
 
 
 @pytest.mark.parametrize(("words", "make"), [
-    ("elastance.LV.EA has dtype bool", lambda: frame_with([True, False])), ("elastance.LV.EA has dtype", lambda: frame_with(["2", "3"])),
+    ("elastance.LV.EA has dtype bool", lambda: frame_with([True, False])),
+    ("elastance.LV.EA has dtype", lambda: frame_with(["2", "3"])),
     ("elastance.LV.EA has dtype complex128", lambda: frame_with([2j, 3])), ("[1] = None", lambda: {EA: [2.0, None]}),
     ("elastance.LV.EA[1] = True", lambda: {EA: [2.0, True]}), ("elastance.LV.EA has dtype object", lambda: {EA: None}),
     ("differ in their names: circuit.SYS.R_AR", lambda: [{EA: 2.0}, {EA: 2.0, R: 0.7}]),
-    ("names of the samples[0] = 3", lambda: {3: [1.0]}), ("columns of the samples[0] = 0", lambda: frame_with([1.0], 0)),
-    ("did you mean 'elastance.LV.EA'", lambda: frame_with([1.0], "elastance.LV.EAA")), ("names is missing", lambda: [[1.0]]),
+    ("names of the samples[0] = 3", lambda: {3: [1.0]}),
+    ("columns of the samples[0] = 0", lambda: frame_with([1.0], 0)),
+    ("did you mean 'elastance.LV.EA'", lambda: frame_with([1.0], "elastance.LV.EAA")),
+    ("names is missing", lambda: [[1.0]]),
     ("names is missing", lambda: np.ones(3)), ("samples", lambda: None), ("samples", lambda: "elastance.LV.EA"),
     ("one length", lambda: {EA: [1.0, 2.0], R: [1.0, 2.0, 3.0]}), ("one-dimensional", lambda: {EA: [[1.0], [2.0]]}),
 ])
