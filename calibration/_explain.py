@@ -39,7 +39,7 @@ class Explanation:
     def __str__(self) -> str:
         lines = ["what each target constrains (change of its residual over a tenth of the bounds):"]
         for target, rows in self.constrained_by.items():
-            lines.append(f"  {target:<28} " + ", ".join(f"{n} {v:+.2g}" for n, v in rows[:4]))
+            lines.append(f"  {target:<28} " + (", ".join(f"{n} {v:+.2g}" for n, v in rows[:4]) or "nothing"))
         lines.append("how well each parameter is known (half its 95 % interval, share of the bounds):")
         for name, width in sorted(self.widths.items(), key=lambda item: item[1]):
             lines.append(f"  {name:<34} " + ("not determined by these targets" if name in self.undetermined

@@ -124,7 +124,11 @@ class Target:
         if not isinstance(self.name, str) or self.unit is not None:
             return ""  # a difference may be small, and who names the unit means it
         unit = unit_of_output(self.name)
-        number = self.value if self.within is None else max(self.within, key=abs)
+        number = self.value
+        if self.within is not None:  # the end that is nearer to the model's own; a range that holds it is no surprise
+            if output is not None and self.within[0] <= output <= self.within[1]:
+                return ""
+            number = min(self.within, key=lambda end: -abs(end) if output is None else abs(end - output))
         assert number is not None
         share = unit == "%" and 0 < number <= 1
         ratio = abs(number / output) if output else 1.0

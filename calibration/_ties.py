@@ -52,8 +52,8 @@ def check_ties(ties: Mapping[str, Tie], free: Mapping[str, Any], held: Mapping[s
                 raise wiggers.InputError(f"{name} is {kind} and tied to {tie.to}: choose one")
         if tie.to not in free:
             parameters.info(tie.to)  # refuses an unknown name with the nearest
-            raise wiggers.InputError(f"{name} is tied to {tie.to}, which is not free: hold {name} at a value, or tie it "
-                                     f"to a free parameter ({', '.join(free)})")
+            raise wiggers.InputError(f"{name} is tied to {tie.to}, which is not free: hold {name} at a value, or tie "
+                                     f"it to a free parameter ({', '.join(free)})")
         unit = parameters.info(tie.to).unit
         if unit != info.unit and tie.times == 1:
             raise wiggers.InputError(f"{name} ({info.unit}) is tied to {tie.to} ({unit}): units differ, so say times")

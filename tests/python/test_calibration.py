@@ -184,7 +184,8 @@ def test_doubtful_units_are_warned_about(truth, target, words, tmp_path):
 def test_meant_units_are_not_warned_about(truth):
     loop, indexes = truth
     problem = Problem(loop, {"elastance.LV.EA": Free(1, 8)}, [
-        Target("LV.EF_percent", 0.9, unit="%"), Target("RA.pressure_mean_mmHg", 1.5 * indexes["RA.pressure_mean_mmHg"]),
+        Target("LV.EF_percent", 0.9, unit="%"), Target("LV.EDV_mL", within=(0, 1e4)),
+        Target("LV.ESV_mL", within=(0, 40)), Target("RA.pressure_mean_mmHg", 1.5 * indexes["RA.pressure_mean_mmHg"]),
         Target("LV.pressure_min_mmHg", 0.0, sd=2), Target(Difference("LV.SV_mL", "RV.SV_mL"), 0.1, sd=1)])
     assert problem.doubts == []
 
