@@ -7,16 +7,47 @@
 #include <cmath>
 #include <limits>
 #include <mutex>
+#include <set>
 #include <system_error>
 #include <thread>
 
 namespace wiggers::python {
+
+namespace {
+
+// Facts of a parameter that came out of a pickle: their texts stay for the life of the process, as those that
+// are compiled in do.
+std::string_view kept(const std::string& text) {
+  static std::set<std::string> texts;  // under the interpreter's lock
+  return *texts.insert(text).first;
+}
+
+// Equal if they pickle alike.
+bool equal_states(const py::object& a, const py::object& b) {
+  return py::type::of(a).is(py::type::of(b)) && a.attr("__getstate__")().equal(b.attr("__getstate__")());
+}
+
+py::array_t<double> array_of(const std::vector<double>& values) {
+  return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
+}
+std::vector<double> values_in(const py::handle& array) {
+  const auto values = array.cast<Array>();
+  return {values.data(), values.data() + values.size()};
+}
+
+}  // namespace
 
 py::array_t<double> owned(std::vector<double> values, std::vector<py::ssize_t> shape) {
   auto* kept = new std::vector<double>(std::move(values));
   py::capsule owner(kept, [](void* p) { delete static_cast<std::vector<double>*>(p); });
   if (shape.empty()) shape = {static_cast<py::ssize_t>(kept->size())};
   return py::array_t<double>(shape, kept->data(), owner);
+}
+
+py::array_t<double> view_of(const py::object& owner, const double* values, std::vector<py::ssize_t> shape) {
+  py::array_t<double> view(std::move(shape), values, owner);
+  py::detail::array_proxy(view.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
+  return view;
 }
 
 std::vector<double> vector_of(const Array& array, std::size_t size, const std::string& what) {
@@ -31,6 +62,14 @@ std::vector<double> vector_of(const Array& array, std::size_t size, const std::s
     if (!std::isfinite(values[i]))
       throw InputError(fmt::format("{}[{}] = {} is not finite", what, i, values[i]));
   return values;
+}
+
+void append_beat(Table& table, const Table& beat, double begin) {
+  for (std::size_t c = 0; c < beat.columns.size(); ++c) {
+    auto& all = table.columns[c].values;
+    if (!all.empty()) all.pop_back();
+    for (double value : beat.columns[c].values) all.push_back(c == 0 ? begin + value : value);
+  }
 }
 
 void check_signals() {
@@ -178,10 +217,26 @@ void bind_common(py::module_& m) {
       .def_property_readonly("default", [](const NamedParameter& p) { return p.quantity.default_value; })
       .def_property_readonly("lower", [](const NamedParameter& p) { return p.quantity.lower; })
       .def_property_readonly("upper", [](const NamedParameter& p) { return p.quantity.upper; })
-      .def("__repr__", [](const NamedParameter& p) {
-        return fmt::format("{} = {} {} ({} to {}; default {}): {}", p.name, p.value, p.quantity.unit,
-                           p.quantity.lower, p.quantity.upper, p.quantity.default_value, p.quantity.meaning);
-      });
+      .def("__repr__",
+           [](const NamedParameter& p) {
+             return fmt::format("{} = {} {} ({} to {}; default {}): {}", p.name, p.value, p.quantity.unit,
+                                p.quantity.lower, p.quantity.upper, p.quantity.default_value,
+                                p.quantity.meaning);
+           })
+      .def("__eq__", &equal_states, py::is_operator())
+      .def(py::pickle(
+          [](const NamedParameter& p) {
+            const Quantity& q = p.quantity;
+            return py::make_tuple(p.name, p.value, std::string(q.name), std::string(q.unit), q.default_value,
+                                  q.lower, q.upper, std::string(q.meaning));
+          },
+          [](const py::tuple& t) {
+            const auto fact = [&](int k) { return kept(t[k].cast<std::string>()); };
+            const auto number = [&](int k) { return t[k].cast<double>(); };
+            return NamedParameter{t[0].cast<std::string>(),
+                                  {fact(2), fact(3), number(4), number(5), number(6), fact(7)},
+                                  number(1)};
+          }));
 
   py::class_<LimitCycleCertificate>(m, "Certificate", "How close to the limit cycle a search ended.")
       .def(py::init([](const std::string& verdict, double distance, double residual, double multiplier,
@@ -201,6 +256,7 @@ void bind_common(py::module_& m) {
                 verdict, t[1].cast<double>(),     t[2].cast<double>(), t[3].cast<double>(), t[4].cast<int>(),
                 period,  t[5].cast<std::string>()};
           }))
+      .def("__eq__", &equal_states, py::is_operator())
       .def_property_readonly("verdict", [](const LimitCycleCertificate& c) { return c.text(); })
       .def_property_readonly("converged", [](const LimitCycleCertificate& c) { return c.good(); })
       .def_readonly("distance", &LimitCycleCertificate::distance)
@@ -233,9 +289,25 @@ void bind_common(py::module_& m) {
           "__getitem__",
           [](py::object self, const std::string& name) {
             const auto& values = self.cast<Table&>().at(name).values;
-            return py::array_t<double>({static_cast<py::ssize_t>(values.size())}, values.data(), self);
+            return view_of(self, values.data(), {static_cast<py::ssize_t>(values.size())});
           },
-          py::arg("name"));
+          py::arg("name"))
+      .def(py::pickle(
+          [](const Table& t) {
+            py::list columns;
+            for (const Column& c : t.columns)
+              columns.append(py::make_tuple(c.name, c.unit, c.meaning, array_of(c.values)));
+            return py::make_tuple(columns);
+          },
+          [](const py::tuple& state) {
+            auto table = std::make_shared<Table>();
+            for (const py::handle& entry : state[0].cast<py::list>()) {
+              const auto c = entry.cast<py::tuple>();
+              table->add(c[0].cast<std::string>(), c[1].cast<std::string>(), c[2].cast<std::string>())
+                  .values = values_in(c[3]);
+            }
+            return table;
+          }));
 
   py::class_<Sensitivities>(m, "SensitivityTable", "Derivatives of outputs by parameters, on a limit cycle.")
       .def_readonly("outputs", &Sensitivities::outputs)
@@ -243,24 +315,37 @@ void bind_common(py::module_& m) {
       .def_readonly("parameters", &Sensitivities::parameters)
       .def_readonly("parameter_units", &Sensitivities::parameter_units)
       .def_property_readonly("values",
-                             [](py::object self) {
+                             [](const py::object& self) {
                                const auto& s = self.cast<Sensitivities&>();
-                               return py::array_t<double>({static_cast<py::ssize_t>(s.values.size())},
-                                                          s.values.data(), self);
+                               return view_of(self, s.values.data(),
+                                              {static_cast<py::ssize_t>(s.values.size())});
                              })
       .def_property_readonly("derivatives",
-                             [](py::object self) {
+                             [](const py::object& self) {
                                const auto& s = self.cast<Sensitivities&>();
-                               return py::array_t<double>({static_cast<py::ssize_t>(s.outputs.size()),
-                                                           static_cast<py::ssize_t>(s.parameters.size())},
-                                                          s.derivatives.data(), self);
+                               return view_of(self, s.derivatives.data(),
+                                              {static_cast<py::ssize_t>(s.outputs.size()),
+                                               static_cast<py::ssize_t>(s.parameters.size())});
                              })
-      .def_property_readonly("state_derivatives", [](py::object self) {
-        const auto& s = self.cast<Sensitivities&>();
-        const auto m = static_cast<py::ssize_t>(s.parameters.size());
-        return py::array_t<double>({m == 0 ? 0 : static_cast<py::ssize_t>(s.state_derivatives.size()) / m, m},
-                                   s.state_derivatives.data(), self);
-      });
+      .def_property_readonly(
+          "state_derivatives",
+          [](const py::object& self) {
+            const auto& s = self.cast<Sensitivities&>();
+            const auto m = static_cast<py::ssize_t>(s.parameters.size());
+            return view_of(self, s.state_derivatives.data(),
+                           {m == 0 ? 0 : static_cast<py::ssize_t>(s.state_derivatives.size()) / m, m});
+          })
+      .def(py::pickle(
+          [](const Sensitivities& s) {
+            return py::make_tuple(s.outputs, s.output_units, s.parameters, s.parameter_units,
+                                  array_of(s.values), array_of(s.derivatives), array_of(s.state_derivatives));
+          },
+          [](const py::tuple& t) {
+            using Names = std::vector<std::string>;
+            return Sensitivities{t[0].cast<Names>(), t[1].cast<Names>(), t[2].cast<Names>(),
+                                 t[3].cast<Names>(), values_in(t[4]),    values_in(t[5]),
+                                 values_in(t[6])};
+          }));
 
   py::class_<BatchRows>(m, "BatchRows",
                         "Outputs of many samples, with a reason in place of each that failed.")
@@ -268,17 +353,16 @@ void bind_common(py::module_& m) {
       .def_readonly("units", &BatchRows::units)
       .def_readonly("reasons", &BatchRows::reasons)
       .def_property_readonly("values",
-                             [](py::object self) {
+                             [](const py::object& self) {
                                const auto& b = self.cast<BatchRows&>();
-                               return py::array_t<double>({static_cast<py::ssize_t>(b.reasons.size()),
-                                                           static_cast<py::ssize_t>(b.names.size())},
-                                                          b.values.data(), self);
+                               return view_of(self, b.values.data(),
+                                              {static_cast<py::ssize_t>(b.reasons.size()),
+                                               static_cast<py::ssize_t>(b.names.size())});
                              })
-      .def_property_readonly("states", [](py::object self) {
+      .def_property_readonly("states", [](const py::object& self) {
         const auto& b = self.cast<BatchRows&>();
-        return py::array_t<double>(
-            {static_cast<py::ssize_t>(b.reasons.size()), static_cast<py::ssize_t>(b.n_states)},
-            b.states.data(), self);
+        return view_of(self, b.states.data(),
+                       {static_cast<py::ssize_t>(b.reasons.size()), static_cast<py::ssize_t>(b.n_states)});
       });
 }
 

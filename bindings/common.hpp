@@ -24,8 +24,14 @@ using ProgressCall = std::function<void(int, double)>;  // beats done, distance
 
 // A NumPy array that owns a vector's memory: moved, not copied.
 py::array_t<double> owned(std::vector<double> values, std::vector<py::ssize_t> shape = {});
+// A read-only view of memory that `owner` holds.
+py::array_t<double> view_of(const py::object& owner, const double* values, std::vector<py::ssize_t> shape);
 // Reads an argument; refuses a wrong number of values and what is not finite, naming `what`.
 std::vector<double> vector_of(const Array& array, std::size_t size, const std::string& what);
+
+// Goes on with the rows of one more beat: its first row stands in place of the last so far, its first column
+// is moved on to `begin`.
+void append_beat(Table& table, const Table& beat, double begin);
 
 // Calls Python's signal handlers, so that Ctrl-C ends a long call: the interpreter's lock is taken for it.
 void check_signals();

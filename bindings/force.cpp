@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <array>
 #include <wiggers/cellmodels/catalogue.hpp>
 #include <wiggers/cellmodels/rdq20_stepper.hpp>
 #include <wiggers/core/cvode.hpp>
@@ -14,6 +15,14 @@ struct ForceModel {
   const CellModel* model = &find_model("rdq20");
   std::vector<double> parameters;
 };
+
+// Calcium, sarcomere length and its rate, each within its range.
+std::array<double, 3> inputs_of(double calcium_uM, double SL_um, double dSL_dt_um_per_s) {
+  const std::array values{calcium_uM, SL_um, dSL_dt_um_per_s};
+  constexpr std::array names{"calcium_uM", "SL_um", "dSL_dt_um_per_s"};
+  for (std::size_t k = 0; k < values.size(); ++k) check_range(Rdq20::inputs[k], values[k], names[k]);
+  return values;
+}
 
 }  // namespace
 
@@ -58,9 +67,10 @@ void bind_force(py::module_& m) {
           [](const ForceModel& force, const Array& y, double calcium_uM, double SL_um,
              double dSL_dt_um_per_s) {
             const auto state = vector_of(y, force.model->states.size(), "y");
-            const double inputs[3] = {calcium_uM, SL_um, dSL_dt_um_per_s};
+            const auto inputs = inputs_of(calcium_uM, SL_um, dSL_dt_um_per_s);
             std::vector<double> rates(state.size());
-            force.model->evaluate(state.data(), inputs, force.parameters.data(), rates.data(), nullptr);
+            force.model->evaluate(state.data(), inputs.data(), force.parameters.data(), rates.data(),
+                                  nullptr);
             return owned(std::move(rates));
           },
           py::arg("y"), py::arg("calcium_uM"), py::arg("SL_um"), py::arg("dSL_dt_um_per_s"))
@@ -69,10 +79,10 @@ void bind_force(py::module_& m) {
           [](const ForceModel& force, const Array& y, double calcium_uM, double SL_um,
              double dSL_dt_um_per_s) {
             const auto state = vector_of(y, force.model->states.size(), "y");
-            const double inputs[3] = {calcium_uM, SL_um, dSL_dt_um_per_s};
+            const auto inputs = inputs_of(calcium_uM, SL_um, dSL_dt_um_per_s);
             const std::size_t n = state.size();
             std::vector<double> columns(n * n), rows(n * n);
-            force.model->jacobian(state.data(), inputs, force.parameters.data(), columns.data());
+            force.model->jacobian(state.data(), inputs.data(), force.parameters.data(), columns.data());
             for (std::size_t i = 0; i < n; ++i)
               for (std::size_t j = 0; j < n; ++j) rows[i * n + j] = columns[i + n * j];
             return owned(std::move(rows), {static_cast<py::ssize_t>(n), static_cast<py::ssize_t>(n)});
@@ -129,6 +139,10 @@ void bind_force(py::module_& m) {
             for (std::size_t k = 1; k < n; ++k)
               if (!(t[k] > t[k - 1]))
                 throw InputError(fmt::format("t_s[{}] = {} does not increase", k, t[k]));
+            for (std::size_t k = 0; k < n; ++k) {
+              check_range(Rdq20::inputs[Rdq20::Ca], calcium[k], fmt::format("calcium_uM[{}]", k));
+              check_range(Rdq20::inputs[Rdq20::SL], length[k], fmt::format("SL_um[{}]", k));
+            }
             std::vector<double> tension;
             {
               py::gil_scoped_release unlock;

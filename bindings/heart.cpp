@@ -112,17 +112,24 @@ void bind_heart(py::module_& m) {
           py::arg("near"))
       .def(
           "run",
-          [](HeartOfPython& heart, const Array& start) {
+          [](HeartOfPython& heart, const Array& start, int beats, const ProgressCall& progress) {
             HeartOfPython::Turn study(heart);
-            const HeartState state = state_of(start);
+            HeartState state = state_of(start);
             auto table = std::make_shared<Table>();
             {
               py::gil_scoped_release unlock;
-              *table = study->beat(state);
+              for (int beat = 0; beat < beats; ++beat) {
+                const Table rows = study->beat(state);
+                if (beat == 0)
+                  *table = rows;
+                else
+                  append_beat(*table, rows, beat * study->scene().period_s);
+                after_beat(progress)({LimitCycleVerdict::running, 0, 0, 0, beat + 1});
+              }
             }
-            return table;
+            return py::make_tuple(table, owned(std::move(state.driver)));
           },
-          py::arg("start"))
+          py::arg("start"), py::arg("beats"), py::arg("progress"))
       .def(
           "indexes",
           [](HeartOfPython& heart, const Array& start) {

@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <wiggers/circulation/loop_beat.hpp>
 #include <wiggers/core/settings.hpp>
 #include <wiggers/heart/loop_study.hpp>
@@ -22,7 +23,10 @@ struct LoopModel {
     if (near) {
       const auto values = vector_of(*near, n_circulation_states, "state");
       std::copy(values.begin(), values.end(), state.begin());
-      hold_total_volume(loop.circulation, state.data(), total_volume(loop.circulation, loop.initial.data()));
+      // A state that has this loop's volume but for rounding goes on bit by bit.
+      const double volume = total_volume(loop.circulation, loop.initial.data());
+      if (std::abs(total_volume(loop.circulation, state.data()) - volume) > 1e-12 * std::abs(volume))
+        hold_total_volume(loop.circulation, state.data(), volume);
     }
     return state;
   }
@@ -135,11 +139,6 @@ void bind_loop(py::module_& m) {
       .def_property_readonly(
           "valve_law",
           [](const LoopModel& model) {
-            return std::string(valve_law_names[static_cast<int>(model.loop.circulation.valve_law)]);
-          })
-      .def_property_readonly(
-          "valve_law",
-          [](const LoopModel& model) {
             return std::string(valve_law_names[static_cast<std::size_t>(model.loop.circulation.valve_law)]);
           })
       .def("state_names",
@@ -148,6 +147,15 @@ void bind_loop(py::module_& m) {
              for (const Quantity& q : circulation_state_quantities) names.emplace_back(q.name);
              return names;
            })
+      // All numbers of another loop, bit by bit: its blood volume is a sum, which assigning would round.
+      .def(
+          "take",
+          [](LoopModel& model, const Array& values, const Array& initial) {
+            set_loop_parameters(model.loop, vector_of(values, loop_parameters(model.loop).size(), "values"));
+            const auto state = vector_of(initial, n_circulation_states, "initial");
+            std::copy(state.begin(), state.end(), model.loop.initial.begin());
+          },
+          py::arg("values"), py::arg("initial"))
       .def("initial_state",
            [](const LoopModel& model) {
              return owned({model.loop.initial.begin(), model.loop.initial.end()});
@@ -211,13 +219,7 @@ void bind_loop(py::module_& m) {
               for (int beat = 0; beat < beats; ++beat) {
                 Table rows = circulation_table();
                 solver.beat(state, sample_s, &rows);
-                for (double& t : rows.columns[0].values) t += beat * model.loop.period_s;
-                // The end of a beat is the start of the next.
-                for (std::size_t c = 0; c < rows.columns.size(); ++c) {
-                  auto& all = table->columns[c].values;
-                  if (beat > 0) all.pop_back();
-                  all.insert(all.end(), rows.columns[c].values.begin(), rows.columns[c].values.end());
-                }
+                append_beat(*table, rows, beat * model.loop.period_s);
                 after_beat(progress)({LimitCycleVerdict::running, 0, 0, 0, beat + 1});
               }
             }

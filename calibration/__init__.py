@@ -11,14 +11,17 @@ squares uses the exact derivatives; the other methods are thin adapters on their
 """
 
 from ._explain import Explanation
-from ._fit import Fit, least_squares
+from ._fit import Fit, Search, least_squares
 from ._force import ForceCalcium
+from ._outputs import Difference, Ratio
 from ._problem import Free, Problem
 from ._report import write_report
 from ._samplers import Posterior, Screening, cma_es, mcmc, sobol
-from ._targets import Target, reference_targets
+from ._targets import Missed, Target, TargetWarning, reference_targets
+from ._ties import Tie
 
 __all__ = [
-    "Explanation", "Fit", "ForceCalcium", "Free", "Posterior", "Problem", "Screening", "Target", "cma_es", "least_squares",
-    "mcmc", "reference_targets", "sobol", "write_report",
+    "Difference", "Explanation", "Fit", "ForceCalcium", "Free", "Missed", "Posterior", "Problem", "Ratio", "Screening",
+    "Search", "Target", "TargetWarning", "Tie", "cma_es", "least_squares", "mcmc", "reference_targets", "sobol",
+    "write_report",
 ]

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ._targets import Missed
+
 if TYPE_CHECKING:
     from ._fit import Fit
 
@@ -16,30 +18,37 @@ COLLINEAR = 0.95
 @dataclass
 class Explanation:
     """constrained_by: target -> [(parameter, residual's change over a tenth of the parameter's bounds)], strongest
-    first. widths: half of the 95 % interval as a share of the bounds. groups: parameters that the targets see
-    only together (correlation above 0.95). unidentified: directions in which a step across the bounds moves no
-    target by one sd, each as [(parameter, share)]. singular_values: of the residuals' Jacobian over the bounds."""
+    first. widths: half of the 95 % interval as a share of the bounds (0.5 and more: not determined). groups:
+    parameters that the targets see only together (correlation above 0.95). unidentified: directions in which a step
+    across the bounds moves no target by one sd, each as [(parameter, share)]. singular_values: of the residuals'
+    Jacobian over the bounds."""
 
     constrained_by: dict[str, list[tuple[str, float]]]
     widths: dict[str, float]
     groups: list[list[str]]
     unidentified: list[list[tuple[str, float]]]
     singular_values: np.ndarray
-    outside: list[tuple[str, float, str]]  # targets missed by more than 2 sd: (name, output, wanted)
+    missed: list[Missed]
+    undetermined: list[str]  # parameters of which the targets say no more than their bounds
+
+    @property
+    def outside(self) -> list[tuple[str, float, str]]:
+        """Missed targets: (name, output, wanted)."""
+        return [(m.name, m.value, m.wanted) for m in self.missed]
 
     def __str__(self) -> str:
         lines = ["what each target constrains (change of its residual over a tenth of the bounds):"]
         for target, rows in self.constrained_by.items():
-            lines.append(f"  {target:<28} " + ", ".join(f"{n} {v:+.2g}" for n, v in rows[:4]))
+            lines.append(f"  {target:<28} " + (", ".join(f"{n} {v:+.2g}" for n, v in rows[:4]) or "nothing"))
         lines.append("how well each parameter is known (half its 95 % interval, share of the bounds):")
         for name, width in sorted(self.widths.items(), key=lambda item: item[1]):
-            lines.append(f"  {name:<34} " + ("not at all" if not np.isfinite(width) else f"{100 * width:.3g} %"))
+            lines.append(f"  {name:<34} " + ("not determined by these targets" if name in self.undetermined
+                                             else f"{100 * width:.3g} %"))
         for group in self.groups:
             lines.append("seen only together: " + ", ".join(group))
         for direction in self.unidentified:
             lines.append("cannot be identified: " + ", ".join(f"{v:+.2f} {n}" for n, v in direction))
-        for name, value, wanted in self.outside:
-            lines.append(f"not met: {name} = {value:.4g}, wanted {wanted}")
+        lines += [f"not met: {m}" for m in self.missed]
         return "\n".join(lines)
 
 
@@ -49,12 +58,12 @@ def explain(fit: Fit) -> Explanation:
     width = upper - lower
     # Ranges count as if they were values at their middle: what they could constrain.
     scales = np.array([t.weight / t.scale for t in problem.targets])
-    scaled = problem.output_jacobian(fit.x) * scales[:, None] * width[None, :]
+    scaled = fit.output_jacobian * scales[:, None] * width[None, :]
     names = problem.names
     constrained = {}
     for target, row in zip(problem.targets, scaled, strict=True):
         order = np.argsort(-np.abs(row))
-        constrained[target.name] = [(names[k], 0.1 * float(row[k])) for k in order if abs(row[k]) > 1e-12]
+        constrained[target.label] = [(names[k], 0.1 * float(row[k])) for k in order if abs(row[k]) > 1e-12]
     from ._fit import _covariance
 
     known = np.sqrt(np.diag(fit.covariance)) / width
@@ -82,6 +91,4 @@ def explain(fit: Fit) -> Explanation:
         if values[k] < 1:
             order = np.argsort(-np.abs(vt[k]))
             directions.append([(names[j], float(vt[k, j])) for j in order if abs(vt[k, j]) > 0.1])
-    outside = [(t.name, float(v), t.text) for t, v, r in
-               zip(problem.targets, fit.point.outputs, fit.point.residuals, strict=True) if abs(r) > 2 * t.weight]
-    return Explanation(constrained, widths, groups, directions, values, outside)
+    return Explanation(constrained, widths, groups, directions, values, fit.missed, fit.undetermined)

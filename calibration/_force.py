@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 import wiggers
+from wiggers._checks import reals
 
 
 class ForceCalcium:
@@ -16,7 +17,7 @@ class ForceCalcium:
 
     def __init__(self, force: wiggers.Force, calcium_uM: Sequence[float], SL_um: float = 2.2) -> None:
         self.force = force
-        self.calcium_uM = np.asarray(calcium_uM, dtype=float)
+        self.calcium_uM = reals(calcium_uM, "calcium_uM")
         self.SL_um = SL_um
         self.outputs = [f"tension_kPa@{c:g}uM" for c in self.calcium_uM]
 
@@ -27,9 +28,9 @@ class ForceCalcium:
     def parameters(self) -> wiggers.Parameters:
         return self.force.parameters
 
-    def output_unit(self, output: str) -> str:
-        del output
-        return "kPa"
+    @property
+    def output_units(self) -> dict[str, str]:
+        return dict.fromkeys(self.outputs, "kPa")
 
     def to_limit_cycle(self, near: Any = None, *, distance: float = 0) -> Any:
         """The curve (there is no cycle to find): `.indexes` and, kept for sensitivities, its derivatives."""

@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 
+import wiggers
+from wiggers._checks import NotGiven, not_given, reals
+
 from ._problem import Problem
 
 
@@ -48,7 +51,7 @@ class Posterior:
         return float(low), float(high)
 
 
-def mcmc(problem: Problem, *, around: np.ndarray | None = None, walkers: int | None = None, steps: int = 500,
+def mcmc(problem: Problem, *, around: np.ndarray | NotGiven = not_given, walkers: int | None = None, steps: int = 500,
          burn_in: int = 200, seed: int = 1, threads: int | None = None, executor: Any = None) -> Posterior:
     """Affine-invariant ensemble sampling (package emcee), each move of the ensemble as one batch."""
     import emcee
@@ -57,7 +60,7 @@ def mcmc(problem: Problem, *, around: np.ndarray | None = None, walkers: int | N
     n = len(problem.names)
     walkers = walkers or max(2 * n + 2, 16)
     random = np.random.default_rng(seed)
-    centre = problem.start if around is None else np.asarray(around)
+    centre = problem.start if around is not_given else reals(around, "around")
     first = np.clip(centre + 1e-3 * (upper - lower) * random.standard_normal((walkers, n)),
                     lower + 1e-6 * (upper - lower), upper - 1e-6 * (upper - lower))
 
@@ -69,12 +72,17 @@ def mcmc(problem: Problem, *, around: np.ndarray | None = None, walkers: int | N
             result[inside] = -0.5 * np.einsum("ij,ij->i", rows, rows)  # minus infinity without a cycle
         return result
 
+    # Walkers without a limit cycle start beside one that has it.
+    good = np.flatnonzero(np.isfinite(log_probability(first)))
+    if not len(good):
+        raise wiggers.NumericalFailure(f"no walker has a limit cycle at its start: {problem.failures[-1][1]}")
+    for k in set(range(walkers)) - set(good.tolist()):
+        first[k] = first[good[k % len(good)]] + 1e-5 * (upper - lower) * random.standard_normal(n)
     sampler = emcee.EnsembleSampler(walkers, n, log_probability, vectorize=True)
     sampler._random = np.random.RandomState(seed)
     sampler.run_mcmc(first, burn_in + steps)
     chain = sampler.get_chain(discard=burn_in, flat=True)
-    samples = np.array([list(problem.values(x).values()) for x in chain])
-    return Posterior(problem.names, samples, float(np.mean(sampler.acceptance_fraction)),
+    return Posterior(problem.set_names, problem.samples(chain), float(np.mean(sampler.acceptance_fraction)),
                      np.asarray(sampler.get_autocorr_time(quiet=True)))
 
 
@@ -103,15 +111,19 @@ def sobol(problem: Problem, *, samples: int = 256, seed: int = 1, threads: int |
     description = {"num_vars": len(problem.names), "names": problem.names,
                    "bounds": np.column_stack([lower, upper]).tolist()}
     xs = draw.sample(description, samples, calc_second_order=False, seed=seed)
-    values = np.array([list(problem.values(x).values()) for x in xs])
-    batch = problem.model.batch(values, problem.names, distance=problem.distance, threads=threads, executor=executor)
+    table, reasons = problem.outputs_of_many(xs, threads=threads, executor=executor)
     rows = []
     failures = {}
-    for target in problem.targets:
-        outputs = batch[target.name].copy()
-        failures[target.name] = int(np.isnan(outputs).sum())
-        outputs[np.isnan(outputs)] = np.nanmean(outputs)
-        rows.append(analyse.analyze(description, outputs, calc_second_order=False, seed=seed))
-    return Screening([t.name for t in problem.targets], problem.names, np.array([r["S1"] for r in rows]),
+    nothing = {key: np.zeros(len(problem.names)) for key in ("S1", "ST", "S1_conf", "ST_conf")}
+    for target, outputs in zip(problem.targets, table.T, strict=True):
+        good = np.isfinite(outputs)
+        if not good.any():
+            raise wiggers.NumericalFailure(f"no sample has {target.label}; the first: {reasons[0]}")
+        failures[target.label] = int((~good).sum())
+        outputs[~good] = outputs[good].mean()
+        # What does not vary depends on nothing.
+        rows.append(analyse.analyze(description, outputs, calc_second_order=False, seed=seed)
+                    if np.ptp(outputs) > 1e-12 * np.abs(outputs).max() else nothing)
+    return Screening([t.label for t in problem.targets], problem.names, np.array([r["S1"] for r in rows]),
                      np.array([r["ST"] for r in rows]), np.array([r["S1_conf"] for r in rows]),
                      np.array([r["ST_conf"] for r in rows]), failures)

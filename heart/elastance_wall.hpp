@@ -32,7 +32,10 @@ class ElastanceWallOf final : public WallOf<T> {
   void reject_step() override {}
   void move_to(const T*) override {}
   void save(std::vector<T>&) const override {}
-  void restore(std::span<const T>&) override {}
+  // Nothing is carried from step to step; what is shown until the next one is the start of a beat.
+  void restore(std::span<const T>&) override {
+    activation_ = value_of(elastance_activation(parameters_, T(0.0), period_));
+  }
 
   std::vector<WallOutput> outputs() const override {
     return {{"activation", "1", "activation of the elastance, 0 to 1"}};

@@ -511,12 +511,13 @@ BeatIndexes HeartStudy::indexes(const HeartState& state) {
   return compute_indexes_of(trace, atrial_activations_s(scene_), valve_debounce_s);
 }
 
-Table HeartStudy::beat(const HeartState& state) {
+Table HeartStudy::beat(HeartState& state) {
   check_size(state);
   HeartDriver& heart = driver();
   heart.restore(state.driver);
   Table table = heart.trace();
   heart.beat(&table);
+  state.driver = heart.save();
   return table;
 }
 

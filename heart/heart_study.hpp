@@ -59,8 +59,8 @@ class HeartStudy {
   HeartState refined(const HeartState& state, const FixedPointDerivatives& derivatives);
 
   BeatIndexes indexes(const HeartState& state);
-  // One beat as a table, columns as of a driver's trace.
-  Table beat(const HeartState& state);
+  // One beat as a table, columns as of a driver's trace; `state` becomes that at its end.
+  Table beat(HeartState& state);
 
   // Derivatives of every index on the cycle by the named parameters (empty: all).
   Sensitivities sensitivities(const HeartState& on_cycle, const std::vector<std::string>& wanted = {},

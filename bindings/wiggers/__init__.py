@@ -10,6 +10,7 @@ meanings); Cell, Loop and Heart find their limit cycle (`to_limit_cycle`), give 
 parameters (`sensitivities`), and solve many samples at once (`batch`). `wiggers.calibration` fits them to targets.
 """
 
+from ._checks import not_given
 from ._core import InputError, NumericalFailure, ResourceError, index_names, index_units, reference_ranges
 from ._core import loop_sets, models
 from ._core import version_text as _version_text
@@ -21,5 +22,6 @@ __version__ = _version_text.split()[1]
 
 __all__ = [
     "Batch", "Cell", "Cycle", "Force", "Heart", "InputError", "Loop", "NumericalFailure", "Parameters", "ResourceError",
-    "Sensitivities", "StateMismatch", "Trace", "index_names", "index_units", "loop_sets", "models", "reference_ranges",
+    "Sensitivities", "StateMismatch", "Trace", "index_names", "index_units", "loop_sets", "models", "not_given",
+    "reference_ranges",
 ]

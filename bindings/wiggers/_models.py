@@ -14,14 +14,18 @@ from typing import Any, Self
 import numpy as np
 
 from . import _core
+from ._checks import NotGiven, not_given, read_only, real, reals, shown, text, texts, whole
 from ._parameters import Parameters
 from ._progress import Progress, showing
 from ._results import Batch, Cycle, Sensitivities, StateMismatch, Trace
+from ._samples import samples_of
 
-Samples = np.ndarray | Mapping[str, Any]
+# Arrays with names beside them, mappings, data frames, structured arrays, lists of mappings.
+Samples = Any
+State = Cycle | np.ndarray
 
 
-class _Model:
+class _Model(ABC):
     """What every model has: parameters, and copies."""
 
     _core: Any
@@ -29,7 +33,7 @@ class _Model:
     @property
     def parameters(self) -> Parameters:
         """The parameters: a mapping, and attributes (`model.parameters.elastance.LV.EA = 3`)."""
-        return Parameters(self._core)
+        return Parameters(self)
 
     def copy(self) -> Self:
         """An independent model with the same numbers."""
@@ -37,6 +41,14 @@ class _Model:
         other.__dict__.update(self.__dict__)
         other._core = self._core.copy()
         return other
+
+    @abstractmethod
+    def _made_by(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        """Arguments that make this model, but for its parameters."""
+
+    def __reduce__(self) -> Any:
+        arguments, options = self._made_by()
+        return _rebuild, (type(self), arguments, options, self.parameters.array)
 
 
 class _Stated(_Model):
@@ -51,21 +63,24 @@ class _Stated(_Model):
         return self._core.initial_state()
 
 
-class _Periodic(_Model, ABC):
+class _Periodic(_Model):
     """What cells, loops and hearts have in common: a limit cycle that depends on parameters."""
 
     _kind: str
     _batch_options: dict[str, Any] = {}
 
-    def to_limit_cycle(self, near: Cycle | np.ndarray | None = None, *, distance: float = 1e-6,
+    def to_limit_cycle(self, near: State | NotGiven = not_given, *, distance: float = 1e-6,
                        max_beats: int = 1000, method: str = "anderson", progress: Progress = None) -> Cycle:
-        """The limit cycle, from the model's own start or from a cycle nearby.
+        """The limit cycle, from the model's own start (near left out) or from a cycle nearby.
 
         distance: scaled distance at which to stop. Raises NumericalFailure if there is no cycle of one beat
         (alternans, drift): the message has the certificate. progress(beats, distance) is called after each beat.
         """
-        with showing(progress, f"{self._kind}: limit cycle") as shown:
-            state, certificate = self._core.to_limit_cycle(_state(near), distance, max_beats, method, shown.beats)
+        with showing(progress, f"{self._kind}: limit cycle") as bar:
+            state, certificate = self._core.to_limit_cycle(
+                None if near is not_given else _state(near, "near"), real(distance, "distance"),
+                _beats_allowed(max_beats),
+                text(method, "method"), bar.beats)
         if not certificate.converged:
             raise _core.NumericalFailure(
                 f"{self._kind}: no limit cycle of one beat: {certificate}. Look at single beats with run(), or choose "
@@ -80,9 +95,9 @@ class _Periodic(_Model, ABC):
     def _structure(self) -> str:
         """What a state depends on beside the parameters."""
 
-    def indexes(self, state: Cycle | np.ndarray) -> dict[str, float]:
+    def indexes(self, state: State) -> dict[str, float]:
         """Indexes of the beat from a state; what the beat does not have (a valve that never opens) is absent."""
-        return dict(self._core.indexes(_state(state)))
+        return dict(self._core.indexes(_state(state, "state")))
 
     def load(self, path: str | os.PathLike[str]) -> Cycle:
         """Reads a saved cycle; refuses one of another model or of other parameters (StateMismatch)."""
@@ -101,48 +116,53 @@ class _Periodic(_Model, ABC):
                 ". Assign them first, or start to_limit_cycle(near=...) from Cycle.load(path).")
         return cycle
 
-    def batch(self, samples: Samples, names: Sequence[str] | None = None, *, near: Cycle | np.ndarray | None = None,
+    def batch(self, samples: Samples, names: Sequence[str] | None = None, *, near: State | NotGiven = not_given,
               distance: float = 1e-6, max_beats: int = 500, threads: int | None = None,
               executor: Executor | None = None, chunk: int | None = None, progress: Progress = None) -> Batch:
         """Limit cycles and indexes of many parameter samples.
 
-        samples: a mapping name -> values, or an array [sample, parameter] with `names`. One bad sample does not stop
-        the others: its row is NaN and `batch.reasons` says why. threads: of this process (default: all cores).
-        executor: any concurrent.futures.Executor (process pool, dask, mpi4py.futures); each task solves `chunk`
-        samples with one thread.
+        samples: what has columns named by parameters (a mapping name -> values, a data frame, a structured array, a
+        list of mappings), or an array [sample, parameter] with `names`; names also choose among a frame's columns.
+        One bad sample does not stop the others: its row is NaN and `batch.reasons` says why. threads: of this
+        process (default: all cores). executor: any concurrent.futures.Executor (process pool, dask,
+        mpi4py.futures); each task solves `chunk` samples with one thread.
         """
-        names, values = _samples(samples, names)
+        names, values = samples_of(samples, names)
         unknown = [n for n in names if n not in self.parameters]
         if unknown:
             self.parameters.info(unknown[0])
-        start = _state(near)
+        options: dict[str, Any] = {"distance": real(distance, "distance"), "max_beats": _beats_allowed(max_beats)}
+        if near is not not_given:
+            options["near"] = _state(near, "near")
+        workers = (os.cpu_count() or 1) if threads is None else whole(threads, "threads", 1, 1024)
         if executor is not None:
-            size = chunk or max(1, len(values) // 64)
+            if not hasattr(executor, "submit"):
+                raise _core.InputError(f"executor = {shown(executor)} has no submit(): wanted is an Executor of "
+                                       "concurrent.futures or its like")
+            size = max(1, len(values) // 64) if chunk is None else whole(chunk, "chunk")
             # Each task has a model of its own, also where the executor's threads share this process.
-            parts = [executor.submit(_solve_part, self.copy(), names, values[k:k + size], start, distance, max_beats)
+            parts = [executor.submit(_solve_part, self.copy(), names, values[k:k + size], options)
                      for k in range(0, max(1, len(values)), size)]
-            with showing(progress, f"{self._kind}: batch", 1) as shown:
+            with showing(progress, f"{self._kind}: batch", 1) as bar:
                 done = []
                 for part in parts:
                     done.append(part.result())
-                    if shown.share:
-                        shown.share(len(done) / len(parts))
+                    if bar.share:
+                        bar.share(len(done) / len(parts))
             return Batch.join(done)
-        with showing(progress, f"{self._kind}: batch", 1) as shown:
-            rows = self._core.batch(names, values, start, distance, max_beats, threads or os.cpu_count() or 1,
-                                    shown.share, **self._batch_options)
+        with showing(progress, f"{self._kind}: batch", 1) as bar:
+            rows = self._core.batch(names, values, options.get("near"), options["distance"], options["max_beats"],
+                                    workers, bar.share, **self._batch_options)
         return Batch(rows.names, rows.units, rows.values, rows.states, rows.reasons, names, values)
 
-    def _on_cycle(self, cycle: Cycle | np.ndarray) -> np.ndarray:
+    def _on_cycle(self, cycle: State) -> np.ndarray:
         """The state of a cycle that is this model's; refuses one of other parameters."""
         if isinstance(cycle, Cycle):
             names = _different(dict(self.parameters), cycle.parameters)
             if names:
                 raise StateMismatch(f"the cycle is of other parameters: {names[0]} = {cycle.parameters.get(names[0])} "
                                     f"there, {dict(self.parameters).get(names[0])} here. Solve to_limit_cycle(near=cycle)")
-        state = _state(cycle)
-        assert state is not None
-        return state
+        return _state(cycle, "cycle")
 
     def _sensitivities(self, table: _core.SensitivityTable) -> Sensitivities:
         values = dict(self.parameters)
@@ -155,10 +175,10 @@ class _Periodic(_Model, ABC):
 class _Refinable(_Periodic):
     """A model whose cycle Newton brings to rounding."""
 
-    def refined(self, near: Cycle | np.ndarray) -> Cycle:
+    def refined(self, near: State) -> Cycle:
         """The cycle to rounding, by Newton with exact derivatives, from one nearby."""
         # A few beats on the refined cycle certify it.
-        return self.to_limit_cycle(self._core.refined(_state(near)), distance=1e-9, max_beats=30)
+        return self.to_limit_cycle(self._core.refined(_state(near, "near")), distance=1e-9, max_beats=30)
 
 
 class _Equations(_Stated, _Periodic):
@@ -166,11 +186,11 @@ class _Equations(_Stated, _Periodic):
 
     def rhs(self, t: float, y: np.ndarray) -> np.ndarray:
         """Rates of the states at time t: per ms and ms for cells (the pacing's stimulus included), per s and s for loops."""
-        return self._core.rhs(t, y)
+        return self._core.rhs(_time(t), reals(y, "y"))
 
     def jacobian(self, t: float, y: np.ndarray) -> np.ndarray:
         """Exact derivatives of rhs: [rate, state]."""
-        return self._core.jacobian(t, y)
+        return self._core.jacobian(_time(t), reals(y, "y"))
 
 
 class Cell(_Equations, _Refinable):
@@ -182,8 +202,9 @@ class Cell(_Equations, _Refinable):
 
     def __init__(self, model: str, *, parameters: str = "default", integrator: str = "rush-larsen-2",
                  dt_ms: float = 0.05, **changes: float) -> None:
-        self._core = _core.CellModel(model, parameters)
-        self._core.set_integrator(integrator, dt_ms)
+        self._core = _core.CellModel(text(model, "model"), text(parameters, "parameters"))
+        dt_ms = real(dt_ms, "dt_ms")
+        self._core.set_integrator(text(integrator, "integrator"), dt_ms)
         self._kind = model
         self._settings = (model, integrator, dt_ms)
         # Batches pace cells that share their pacing in SIMD lanes.
@@ -204,26 +225,29 @@ class Cell(_Equations, _Refinable):
     def source(self) -> str:
         return self._core.source
 
-    def run(self, beats: int = 1, start: Cycle | np.ndarray | None = None, *, sample_ms: float = 1.0,
+    def run(self, beats: int = 1, start: State | NotGiven = not_given, *, sample_ms: float = 1.0,
             integrator: str = "cvode", rtol: float = 1e-8, atol: float = 1e-10, progress: Progress = None) -> Trace:
-        """Paces a number of beats; columns t_ms, the states, the stimulus. trace.end_state continues it."""
-        with showing(progress, f"{self._kind}: beats") as shown:
-            columns, end = self._core.run(self.initial_state if start is None else _state(start), _whole(beats, "beats"),
-                                          sample_ms, integrator, rtol, atol, shown.beats)
+        """Paces a number of beats from a state (left out: the initial one); columns t_ms, the states, the stimulus.
+        trace.end_state continues it."""
+        first = self.initial_state if start is not_given else _state(start, "start")
+        with showing(progress, f"{self._kind}: beats") as bar:
+            columns, end = self._core.run(first, whole(beats, "beats", 1, MOST_BEATS), real(sample_ms, "sample_ms"),
+                                          text(integrator, "integrator"), real(rtol, "rtol"), real(atol, "atol"),
+                                          bar.beats)
         return Trace(columns, end)
 
-    def sensitivities(self, cycle: Cycle | np.ndarray, *, progress: Progress = None) -> Sensitivities:
+    def sensitivities(self, cycle: State, *, progress: Progress = None) -> Sensitivities:
         """Derivatives of every index on the limit cycle by every parameter."""
-        with showing(progress, f"{self._kind}: sensitivities", 1) as shown:
-            return self._sensitivities(self._core.sensitivities(self._on_cycle(cycle), shown.share))
+        with showing(progress, f"{self._kind}: sensitivities", 1) as bar:
+            return self._sensitivities(self._core.sensitivities(self._on_cycle(cycle), bar.share))
 
     def _structure(self) -> str:
         model, integrator, dt_ms = self._settings
         return f"{model}, {integrator} at {dt_ms:g} ms"
 
-    def __reduce__(self) -> Any:
-        return _rebuild, (Cell, self._settings[:1], {"integrator": self._settings[1], "dt_ms": self._settings[2]},
-                          self.parameters.array)
+    def _made_by(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        model, integrator, dt_ms = self._settings
+        return (model,), {"integrator": integrator, "dt_ms": dt_ms}
 
 
 class Loop(_Equations):
@@ -237,29 +261,30 @@ class Loop(_Equations):
     def __init__(self, source: str | os.PathLike[str] = "wiggers-healthy-0d", *, integrator: str = "runge-kutta-4",
                  dt_s: float = 1e-3, rtol: float = 1e-9, atol: float = 1e-9,
                  changes: Mapping[str, float] | None = None) -> None:
-        text = str(source)
-        if text.endswith(".toml"):
-            text = _read(text)
-        if "\n" in text:
-            self._core = _core.LoopModel.from_text(text, Path(str(source)).name if text != str(source) else "loop")
+        given = _path_or_text(source, "source")
+        content = _read(given) if given.endswith(".toml") else given
+        if "\n" in content:
+            self._core = _core.LoopModel.from_text(content, Path(given).name if content != given else "loop")
         else:
-            self._core = _core.LoopModel(text)
-        self._core.set_integrator(integrator, dt_s, rtol, atol)
+            self._core = _core.LoopModel(content)
+        numbers = {"dt_s": real(dt_s, "dt_s"), "rtol": real(rtol, "rtol"), "atol": real(atol, "atol")}
+        self._core.set_integrator(text(integrator, "integrator"), **numbers)
         self._kind = "loop"
-        self._settings = (text, {"integrator": integrator, "dt_s": dt_s, "rtol": rtol, "atol": atol})
+        self._settings = (content, {"integrator": integrator, **numbers})
         if changes:
             self.parameters.update(changes)
 
-    def run(self, beats: int = 1, start: Cycle | np.ndarray | None = None, *, sample_s: float = 1e-3,
+    def run(self, beats: int = 1, start: State | NotGiven = not_given, *, sample_s: float = 1e-3,
             progress: Progress = None) -> Trace:
-        """A number of beats; columns t_s, states, chamber pressures, valve flows. p_VEN_SYS of the start is moved so that
-        the blood volume is this loop's."""
-        with showing(progress, "loop: beats") as shown:
-            columns, end = self._core.run(self.initial_state if start is None else _state(start), _whole(beats, "beats"),
-                                          sample_s, shown.beats)
+        """A number of beats from a state (left out: the initial one); columns t_s, states, chamber pressures, valve
+        flows. p_VEN_SYS of the start is moved so that the blood volume is this loop's. trace.end_state continues it."""
+        first = self.initial_state if start is not_given else _state(start, "start")
+        with showing(progress, "loop: beats") as bar:
+            columns, end = self._core.run(first, whole(beats, "beats", 1, MOST_BEATS), real(sample_s, "sample_s"),
+                                          bar.beats)
         return Trace(columns, end)
 
-    def sensitivities(self, cycle: Cycle | np.ndarray, *, progress: Progress = None) -> Sensitivities:
+    def sensitivities(self, cycle: State, *, progress: Progress = None) -> Sensitivities:
         """Derivatives of every index on the limit cycle by every parameter, total volume held unless it is the
         parameter."""
         del progress  # a few hundredths of a second
@@ -269,8 +294,11 @@ class Loop(_Equations):
         options = self._settings[1]
         return f"loop with {self._core.valve_law} valves, {options['integrator']} at {options['dt_s']:g} s"
 
+    def _made_by(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        return self._settings[:1], self._settings[1]
+
     def __reduce__(self) -> Any:
-        return _rebuild, (Loop, self._settings[:1], self._settings[1], self.parameters.array)
+        return _rebuild_loop, (type(self), *self._made_by(), self.parameters.array, self.initial_state)
 
 
 class Heart(_Refinable):
@@ -281,9 +309,10 @@ class Heart(_Refinable):
 
     def __init__(self, scene: str | os.PathLike[str], *, set: Mapping[str, Any] | None = None,  # noqa: A002
                  accuracy: str = "") -> None:
-        text = str(scene)
-        overrides = [f"{k}={v}" for k, v in (set or {}).items()]
-        self._core = _core.HeartModel(text if "\n" in text else "", "" if "\n" in text else text, overrides, accuracy)
+        given = _path_or_text(scene, "scene")
+        overrides = [f"{key}={_override(key, value)}" for key, value in (set or {}).items()]
+        inline, path = (given, "") if "\n" in given else ("", given)
+        self._core = _core.HeartModel(inline, path, overrides, text(accuracy, "accuracy"))
         self._kind = "heart"
 
     @property
@@ -299,19 +328,21 @@ class Heart(_Refinable):
     def body_surface_area_m2(self) -> float:
         return self._core.body_surface_area_m2
 
-    def run(self, beats: int = 1, start: Cycle | np.ndarray | None = None, *, progress: Progress = None) -> Trace:
-        """One beat from a state (default: the limit cycle); columns as of a result file's traces."""
-        if beats != 1:
-            raise _core.InputError(f"beats = {beats}: a heart's trace is of one beat; use the wiggers command for more")
-        if start is None:
-            start = self.to_limit_cycle(progress=progress)
-        return Trace(self._core.run(_state(start)))
+    def run(self, beats: int = 1, start: State | NotGiven = not_given, *, progress: Progress = None) -> Trace:
+        """A number of beats from a state (left out: the limit cycle, which is solved first); columns as of a result
+        file's traces. trace.end_state continues it, bit by bit as more beats here would."""
+        beats = whole(beats, "beats", 1, MOST_BEATS)
+        first = self.to_limit_cycle(progress=progress).state if start is not_given else _state(start, "start")
+        with showing(progress, "heart: beats") as bar:
+            columns, end = self._core.run(first, beats, bar.beats)
+        return Trace(columns, end)
 
-    def sensitivities(self, cycle: Cycle | np.ndarray, parameters: Sequence[str] = (), *,
+    def sensitivities(self, cycle: State, parameters: Sequence[str] = (), *,
                       progress: Progress = None) -> Sensitivities:
         """Derivatives of every index on the limit cycle by the named parameters (none named: by all)."""
-        with showing(progress, "heart: sensitivities", 1) as shown:
-            return self._sensitivities(self._core.sensitivities(self._on_cycle(cycle), list(parameters), shown.share))
+        with showing(progress, "heart: sensitivities", 1) as bar:
+            return self._sensitivities(
+                self._core.sensitivities(self._on_cycle(cycle), texts(parameters, "parameters"), bar.share))
 
     def _structure(self) -> str:
         # The scene but for its numbers, and those that are no parameters.
@@ -319,55 +350,111 @@ class Heart(_Refinable):
         solver = self.text.partition("\n[solver]")[2]
         return f"heart {zlib.crc32((skeleton + solver).encode()):08x}"
 
-    def __reduce__(self) -> Any:
-        return _rebuild, (Heart, (self.text,), {}, self.parameters.array)
+    def _made_by(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        return (self.text,), {}
 
 
 class Force(_Stated):
     """RDQ20 active force: parameter sets "human37", "rat-room", "fedele2023-ventricles", "fedele2023-atria"."""
 
+    end_state: np.ndarray | None = None
+    """The state at the end of the last run(), to go on from; None before the first."""
+
     def __init__(self, parameters: str = "human37", **changes: float) -> None:
-        self._core = _core.ForceModel(parameters)
+        self._core = _core.ForceModel(text(parameters, "parameters"))
         if changes:
             self.parameters.update(changes)
 
+    def _made_by(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        return (), {}
+
     def __reduce__(self) -> Any:
-        return _rebuild, (Force, (), {}, self.parameters.array)
+        return (*super().__reduce__(), self.end_state)
+
+    def __setstate__(self, end_state: np.ndarray) -> None:
+        self.end_state = read_only(end_state)
 
     def rhs(self, y: np.ndarray, calcium_uM: float, SL_um: float, dSL_dt_um_per_s: float = 0.0) -> np.ndarray:
         """Rates of the states (per s)."""
-        return self._core.rhs(y, calcium_uM, SL_um, dSL_dt_um_per_s)
+        return self._core.rhs(reals(y, "y"), *self._inputs(calcium_uM, SL_um, dSL_dt_um_per_s))
 
     def jacobian(self, y: np.ndarray, calcium_uM: float, SL_um: float, dSL_dt_um_per_s: float = 0.0) -> np.ndarray:
         """Exact derivatives of rhs: [rate, state]."""
-        return self._core.jacobian(y, calcium_uM, SL_um, dSL_dt_um_per_s)
+        return self._core.jacobian(reals(y, "y"), *self._inputs(calcium_uM, SL_um, dSL_dt_um_per_s))
 
     def steady_state(self, calcium_uM: float, SL_um: float = 2.2) -> np.ndarray:
-        return self._core.steady_state(calcium_uM, SL_um)
+        return self._core.steady_state(real(calcium_uM, "calcium_uM"), real(SL_um, "SL_um"))
 
     def force_calcium(self, calcium_uM: np.ndarray, SL_um: float = 2.2) -> tuple[np.ndarray, np.ndarray]:
         """Steady tension (kPa) at each calcium, and its derivatives [calcium, parameter]."""
-        return self._core.steady_tension(calcium_uM, SL_um)
+        levels = reals(calcium_uM, "calcium_uM")
+        if levels.ndim != 1 or levels.size == 0:
+            raise _core.InputError(f"calcium_uM has shape {levels.shape}, wanted is one or more levels in a row")
+        return self._core.steady_tension(levels, real(SL_um, "SL_um"))
 
     def run(self, t_s: np.ndarray, calcium_uM: np.ndarray, SL_um: np.ndarray | float = 2.2,
-            start: np.ndarray | None = None) -> np.ndarray:
-        """Tension (kPa) at the given times for calcium and length given there (straight lines between)."""
-        length = np.broadcast_to(np.asarray(SL_um, dtype=float), np.shape(t_s))
-        if start is None:
-            start = self.steady_state(float(np.asarray(calcium_uM)[0]), float(length[0]))
-        tension, self.end_state = self._core.run(start, t_s, calcium_uM, np.ascontiguousarray(length))
+            start: np.ndarray | NotGiven = not_given) -> np.ndarray:
+        """Tension (kPa) at the given times for calcium and length given there (straight lines between), from a state
+        (left out: the steady one of the first calcium and length). `end_state` then continues it."""
+        t = reals(t_s, "t_s")
+        if t.ndim != 1 or t.size < 2:
+            raise _core.InputError(f"t_s has shape {t.shape}, wanted are at least two samples in a row")
+        calcium, length = reals(calcium_uM, "calcium_uM"), reals(SL_um, "SL_um")
+        if calcium.shape != t.shape:
+            raise _core.InputError(f"calcium_uM has shape {calcium.shape}, t_s has {t.shape}")
+        if length.ndim != 0 and length.shape != t.shape:
+            raise _core.InputError(f"SL_um has shape {length.shape}, wanted is one length or {t.shape}, as t_s has")
+        length = np.ascontiguousarray(np.broadcast_to(length, t.shape))
+        first = self.steady_state(calcium[0], length[0]) if start is not_given else _state(start, "start")
+        tension, end = self._core.run(first, t, calcium, length)
+        self.end_state = read_only(end)
         return tension
 
+    @staticmethod
+    def _inputs(calcium_uM: float, SL_um: float, dSL_dt_um_per_s: float) -> tuple[float, float, float]:
+        return real(calcium_uM, "calcium_uM"), real(SL_um, "SL_um"), real(dSL_dt_um_per_s, "dSL_dt_um_per_s")
 
-def _state(source: Cycle | np.ndarray | None) -> np.ndarray | None:
+
+MOST_BEATS = 1_000_000
+
+
+def _state(source: Any, what: str) -> np.ndarray:
+    """The numbers of a state; its length and values are the model's to check."""
     if source is None:
-        return None
+        raise _core.InputError(f"{what} = None is no state: give a cycle or an array, or leave {what} out")
     if isinstance(source, Cycle):
-        return source.state
-    array = np.asarray(source)
-    if array.dtype.kind not in "fiu":
-        raise _core.InputError(f"state has dtype {array.dtype}, wanted are real numbers")
-    return np.ascontiguousarray(array, dtype=float)
+        return reals(source.state, f"state of {what}")
+    if isinstance(source, Trace):
+        raise _core.InputError(f"{what} is a Trace: give its end_state to go on from its end")
+    return reals(source, what)
+
+
+def _beats_allowed(max_beats: int) -> int:
+    return whole(max_beats, "max_beats", 3, MOST_BEATS)
+
+
+def _time(t: float) -> float:
+    time = real(t, "t")
+    if not np.isfinite(time):
+        raise _core.InputError(f"t = {time} is not finite")
+    return time
+
+
+def _path_or_text(source: Any, what: str) -> str:
+    if not isinstance(source, str | os.PathLike):
+        raise _core.InputError(f"{what} = {shown(source)} is of type {type(source).__name__}, wanted is a path or text")
+    return os.fsdecode(source)
+
+
+def _override(key: Any, value: Any) -> str:
+    """A scene's value as the scene's text has it."""
+    if isinstance(value, bool | np.bool_):
+        return str(bool(value)).lower()
+    if isinstance(value, str):
+        return value
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_override(key, v) for v in value)}]"
+    return repr(int(value)) if isinstance(value, int | np.integer) else repr(real(value, text(key, "key of set")))
 
 
 def _different(mine: Mapping[str, float], theirs: Mapping[str, float]) -> list[str]:
@@ -376,48 +463,21 @@ def _different(mine: Mapping[str, float], theirs: Mapping[str, float]) -> list[s
             if n not in mine or n not in theirs or abs(mine[n] - theirs[n]) > 1e-12 * abs(mine[n])]
 
 
-def _whole(value: int, name: str) -> int:
-    if int(value) != value or value < 1:
-        raise _core.InputError(f"{name} = {value} is not a whole number of at least 1")
-    return int(value)
-
-
-def _samples(samples: Samples, names: Sequence[str] | None) -> tuple[list[str], np.ndarray]:
-    if isinstance(samples, Mapping):
-        if names is not None:
-            raise _core.InputError("names: not with a mapping, which has its own")
-        columns = [np.atleast_1d(_numbers(v, n)) for n, v in samples.items()]
-        lengths = {len(c) for c in columns if c.ndim == 1}
-        if any(c.ndim != 1 for c in columns) or len(lengths - {1}) > 1:
-            shapes = ", ".join(f"{n}: {np.shape(v)}" for n, v in samples.items())
-            raise _core.InputError(f"samples must be one-dimensional and of one length, they are {shapes}")
-        n = max(lengths, default=0)
-        values = np.column_stack([np.broadcast_to(c, n) for c in columns]) if columns else np.empty((0, 0))
-        return list(samples), np.ascontiguousarray(values)
-    values = np.ascontiguousarray(_numbers(samples, "samples"))
-    if names is None:
-        raise _core.InputError("names is missing: an array of samples needs the parameter of each column")
-    if values.ndim != 2 or values.shape[1] != len(names):
-        raise _core.InputError(f"samples has shape {values.shape}, wanted is (samples, {len(names)})")
-    return list(names), values
-
-
-def _numbers(values: Any, name: str) -> np.ndarray:
-    try:
-        return np.asarray(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise _core.InputError(f"{name}: {error}") from None
-
-
-def _solve_part(model: _Periodic, names: list[str], values: np.ndarray, start: np.ndarray | None, distance: float,
-                max_beats: int) -> Batch:
-    return model.batch(values, names, near=start, distance=distance, max_beats=max_beats, threads=1)
+def _solve_part(model: _Periodic, names: list[str], values: np.ndarray, options: dict[str, Any]) -> Batch:
+    return model.batch(values, names, threads=1, **options)
 
 
 def _rebuild(kind: Any, arguments: tuple[Any, ...], options: dict[str, Any], values: np.ndarray) -> Any:
     model = kind(*arguments, **options)
     model.parameters._assign(values)
     return model
+
+
+def _rebuild_loop(kind: Any, arguments: tuple[Any, ...], options: dict[str, Any], values: np.ndarray,
+                  initial: np.ndarray) -> Any:
+    loop = kind(*arguments, **options)
+    loop._core.take(values, initial)
+    return loop
 
 
 def _read(path: str) -> str:

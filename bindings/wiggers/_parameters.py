@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ._checks import real, reals, shown, text
 from ._core import InputError, Parameter
 
 
@@ -17,8 +18,16 @@ class Parameters(MutableMapping):
     between them is checked once. The order is that of `names` and of `array`.
     """
 
-    def __init__(self, core: Any) -> None:
-        object.__setattr__(self, "_core", core)
+    def __init__(self, model: Any) -> None:
+        object.__setattr__(self, "_model", model)
+
+    @property
+    def _core(self) -> Any:
+        return self._model._core
+
+    def __reduce__(self) -> Any:
+        # What is pickled or copied deeply is of a model of its own.
+        return Parameters, (self._model,)
 
     def _list(self) -> list[Parameter]:
         return self._core.parameters()
@@ -33,6 +42,7 @@ class Parameters(MutableMapping):
         return np.array([p.value for p in self._list()])
 
     def info(self, name: str) -> Parameter:
+        text(name, "name of a parameter")
         for parameter in self._list():
             if parameter.name == name:
                 return parameter
@@ -43,7 +53,7 @@ class Parameters(MutableMapping):
         return self.info(name).value
 
     def __setitem__(self, name: str, value: float) -> None:
-        self._core.set_parameter(name, _number(name, value))
+        self._core.set_parameter(text(name, "name of a parameter"), real(value, name))
 
     def __delitem__(self, name: str) -> None:
         raise InputError(f"{name}: a parameter cannot be removed; assign its default, {self.info(name).default}")
@@ -64,14 +74,18 @@ class Parameters(MutableMapping):
         """Changes several at once."""
         names = self.names
         values = self.array
-        for name, value in {**dict(other), **more}.items():
+        try:
+            changes = {**dict(other), **more}
+        except (TypeError, ValueError):
+            raise InputError(f"changes of parameters = {shown(other)}: wanted is a mapping from names to values") from None
+        for name, value in changes.items():
             if name not in names:
                 self.info(name)
-            values[names.index(name)] = _number(name, value)
+            values[names.index(name)] = real(value, name)
         self._core.set_parameters(values)
 
     def _assign(self, values: np.ndarray) -> None:
-        self._core.set_parameters(np.ascontiguousarray(values, dtype=float))
+        self._core.set_parameters(reals(values, "values"))
 
     def __getattr__(self, part: str) -> Any:
         if part.startswith("_"):
@@ -105,6 +119,9 @@ class _Part:
         object.__setattr__(self, "_parameters", parameters)
         object.__setattr__(self, "_prefix", prefix)
 
+    def __reduce__(self) -> Any:
+        return _Part, (self._parameters, self._prefix)
+
     def _resolve(self) -> Any:
         names = self._parameters.names
         if self._prefix in names:
@@ -128,10 +145,3 @@ class _Part:
     def __repr__(self) -> str:
         start = self._prefix + "."
         return "\n".join(repr(p) for p in self._parameters._list() if p.name.startswith(start))
-
-
-def _number(name: str, value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} = {value!r} is not a number") from None

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from ._checks import shown
+from ._core import InputError
+
 Progress = bool | Callable[..., None] | None
 
 
@@ -35,6 +38,8 @@ class showing:
     """Context of one call: `.beats` and `.share` are what the compiled part calls (None: nothing)."""
 
     def __init__(self, progress: Progress, task: str, total: float | None = None) -> None:
+        if not (progress is None or isinstance(progress, bool) or callable(progress)):
+            raise InputError(f"progress = {shown(progress)}: wanted is True, False, None or a function")
         self._bar = _Bar(task, total) if progress is True else None
         given: Any = progress if callable(progress) else None
         self.beats = self._bar.beats if self._bar else given

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ._checks import Held, read_only, text
 from ._core import Certificate, Columns, InputError, SensitivityTable
 
 STATE_FORMAT = 1
@@ -18,25 +19,26 @@ class StateMismatch(InputError):
     """A saved state belongs to another model, or to other parameters."""
 
 
-class Trace:
-    """Named columns with units: `trace["V"]` is a view of the computed memory, nothing is copied."""
+class Trace(Held):
+    """Named columns with units: `trace["V"]` is a read-only view of the computed memory, nothing is copied.
+    end_state: the state at the last row, to go on from."""
 
-    def __init__(self, columns: Columns, end_state: np.ndarray | None = None) -> None:
+    def __init__(self, columns: Columns, end_state: np.ndarray) -> None:
         self._columns = columns
-        self.end_state = end_state
+        self.end_state = read_only(end_state)
 
     @property
     def names(self) -> list[str]:
         return self._columns.names
 
     def unit(self, name: str) -> str:
-        return self._columns.unit(name)
+        return self._columns.unit(text(name, "column"))
 
     def meaning(self, name: str) -> str:
-        return self._columns.meaning(name)
+        return self._columns.meaning(text(name, "column"))
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self._columns[name]
+        return self._columns[text(name, "column")]
 
     def __len__(self) -> int:
         return len(self._columns)
@@ -67,12 +69,12 @@ class Trace:
         )
 
 
-class Cycle:
+class Cycle(Held):
     """A limit cycle: the state at the beat's start, the certificate of the search, the indexes of its beat."""
 
     def __init__(self, state: np.ndarray, certificate: Certificate, indexes: dict[str, float], model: str,
                  parameters: dict[str, float], structure: str = "") -> None:
-        self.state = state
+        self.state = read_only(state)
         self.certificate = certificate
         self.indexes = indexes
         self.model = model
@@ -114,7 +116,7 @@ class Cycle:
             raise InputError(f"{path}: not a saved limit cycle ({error!r})") from None
 
 
-class Sensitivities:
+class Sensitivities(Held):
     """Derivatives of outputs by parameters: `s["LV.EDV_mL", "elastance.LV.EA"]`, or arrays and tables of them."""
 
     def __init__(self, table: SensitivityTable, parameter_values: np.ndarray) -> None:
@@ -123,7 +125,7 @@ class Sensitivities:
         self.output_units: list[str] = table.output_units
         self.parameters: list[str] = table.parameters
         self.parameter_units: list[str] = table.parameter_units
-        self.parameter_values = parameter_values
+        self.parameter_values = read_only(parameter_values)
 
     @property
     def values(self) -> np.ndarray:
@@ -154,6 +156,8 @@ class Sensitivities:
         return _position(self.parameters, parameter, "parameter")
 
     def __getitem__(self, key: tuple[str, str]) -> float:
+        if not (isinstance(key, tuple) and len(key) == 2):
+            raise InputError(f"sensitivities[{key!r}]: wanted is [output, parameter]")
         output, parameter = key
         return float(self.derivatives[self._row(output), self._column(parameter)])
 
@@ -172,30 +176,30 @@ class Sensitivities:
     def to_pandas(self) -> Any:
         import pandas
 
-        return pandas.DataFrame(self.derivatives, index=self.outputs, columns=self.parameters)
+        return pandas.DataFrame(self.derivatives.copy(), index=self.outputs, columns=self.parameters)
 
     def to_xarray(self) -> Any:
         import xarray
 
-        return xarray.DataArray(self.derivatives, dims=("output", "parameter"),
+        return xarray.DataArray(self.derivatives.copy(), dims=("output", "parameter"),
                                 coords={"output": self.outputs, "parameter": self.parameters})
 
     def __repr__(self) -> str:
         return f"Sensitivities of {len(self.outputs)} outputs by {len(self.parameters)} parameters"
 
 
-class Batch:
+class Batch(Held):
     """Outputs of many samples. A sample without a result has NaN in its row and its reason in `reasons`."""
 
     def __init__(self, names: list[str], units: list[str], values: np.ndarray, states: np.ndarray,
                  reasons: list[str], parameters: list[str], samples: np.ndarray) -> None:
         self.names = names
         self.units = units
-        self.values = values
-        self.states = states
+        self.values = read_only(values)
+        self.states = read_only(states)
         self.reasons = reasons
         self.parameters = parameters
-        self.samples = samples
+        self.samples = read_only(samples)
 
     @property
     def good(self) -> np.ndarray:
@@ -214,8 +218,8 @@ class Batch:
     def to_pandas(self) -> Any:
         import pandas
 
-        frame = pandas.DataFrame(self.samples, columns=self.parameters).join(
-            pandas.DataFrame(self.values, columns=self.names))
+        frame = pandas.DataFrame(self.samples.copy(), columns=self.parameters).join(
+            pandas.DataFrame(self.values.copy(), columns=self.names))
         frame["reason"] = self.reasons
         return frame
 
@@ -235,11 +239,12 @@ class Batch:
 
 
 def _position(names: list[str], name: str, kind: str) -> int:
+    text(name, f"name of the {kind}")
     try:
         return names.index(name)
     except ValueError:
         import difflib
 
-        near = difflib.get_close_matches(name, names, 1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
+        close = difflib.get_close_matches(name, names, 1)
+        hint = f"; did you mean '{close[0]}'?" if close else ""
         raise InputError(f"unknown {kind} '{name}'{hint} Known: {', '.join(names)}") from None

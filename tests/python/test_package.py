@@ -1,7 +1,9 @@
 """The Python package: parameters, cycles, sensitivities, batches, saved states, refusals, stubs."""
 
 import ast
+import copy
 import importlib
+import multiprocessing
 import os
 import pickle
 import resource
@@ -250,6 +252,159 @@ def test_models_pickle():
                   wiggers.Heart(SCENE, set={"walls.LV.EA": 2.2})):
         again = pickle.loads(pickle.dumps(model))
         assert np.array_equal(again.parameters.array, model.parameters.array)
+
+
+def same(a, b):
+    """Equal in every number and word, whatever the class."""
+    if isinstance(a, np.ndarray):
+        return (isinstance(b, np.ndarray) and np.array_equal(a, b, equal_nan=True)
+                and a.flags.writeable == b.flags.writeable)
+    if isinstance(a, wiggers.Trace):
+        return a.names == b.names and all(same(a[n], b[n]) and (a.unit(n), a.meaning(n)) == (b.unit(n), b.meaning(n))
+                                          for n in a.names) and same(a.end_state, b.end_state)
+    if isinstance(a, wiggers.Sensitivities):
+        return all(same(getattr(a, f), getattr(b, f)) for f in (
+            "outputs", "output_units", "parameters", "parameter_units", "parameter_values", "values", "derivatives",
+            "state_derivatives", "elasticities"))
+    if isinstance(a, wiggers.Cycle | wiggers.Batch):
+        return vars(a).keys() == vars(b).keys() and all(same(vars(a)[k], vars(b)[k]) for k in vars(a))
+    return type(a) is type(b) and a == b
+
+
+@pytest.fixture(scope="module")
+def held(loop, loop_cycle):
+    """One of everything that a user keeps."""
+    cell = wiggers.Cell("ttp06-endo", dt_ms=0.1)
+    return {
+        "trace": loop.run(2, loop_cycle), "cell's trace": cell.run(1, sample_ms=10), "cycle": loop_cycle,
+        "sensitivities": loop.sensitivities(loop_cycle), "certificate": loop_cycle.certificate,
+        "batch": loop.batch({"elastance.LV.EA": [2.0, -1.0]}), "parameters": loop.parameters,
+        "part": loop.parameters.elastance.LV, "info": loop.parameters.info("elastance.LV.EA"),
+    }
+
+
+KEPT = ["trace", "cell's trace", "cycle", "sensitivities", "certificate", "batch", "parameters", "info"]
+
+
+@pytest.mark.parametrize("name", KEPT)
+def test_results_copy_and_pickle(held, name):
+    kept = held[name]
+    for protocol in range(2, pickle.HIGHEST_PROTOCOL + 1):
+        assert same(kept, pickle.loads(pickle.dumps(kept, protocol)))
+    assert same(kept, copy.copy(kept)) and same(kept, copy.deepcopy(kept))
+
+
+def test_copied_facts_and_parts(held):
+    info, again = held["info"], pickle.loads(pickle.dumps(held["info"]))
+    assert repr(again) == repr(info) and (again.unit, again.default, again.upper) == ("mmHg/mL", 2.75, 1000)
+    assert pickle.loads(pickle.dumps(held["part"])).EA == 2.75
+    other = copy.deepcopy(held["parameters"])
+    other.elastance.LV.EA = 3.3  # of a model of its own
+    assert held["parameters"].elastance.LV.EA == 2.75 and other != held["parameters"]
+    assert held["certificate"] != wiggers.Loop().to_limit_cycle(distance=1e-3).certificate
+
+
+def beat_of(loop):
+    return loop.run(1)
+
+
+def everything_of(cell_parameters):
+    force = wiggers.Force("fedele2023-ventricles")
+    force.run(np.linspace(0, 0.1, 11), np.full(11, 0.3), 1.9)
+    return cell_parameters, force
+
+
+def test_results_pass_between_processes(loop):
+    cell = wiggers.Cell("crn", g_Na=8.0)
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        beats = pool.map(beat_of, [loop])
+    with ProcessPoolExecutor(1) as pool:
+        beats += pool.map(beat_of, [loop])
+        parameters, force = pool.submit(everything_of, cell.parameters).result()
+    assert all(same(beat, loop.run(1)) for beat in beats)
+    assert parameters == cell.parameters and parameters.g_Na == 8.0
+    assert np.array_equal(force.end_state, everything_of(None)[1].end_state)
+
+
+def test_models_copy_bit_by_bit():
+    loop = wiggers.Loop(changes={"elastance.LV.EA": 3.1})
+    heart = wiggers.Heart(SCENE)
+    for factor in (1.0137, 0.77, 1.31):  # the blood volume is a sum, which rounds
+        loop.parameters["circuit.SYS.C_VEN"] *= factor
+        heart.parameters["circulation.circuit.SYS.C_VEN"] *= factor
+    force = wiggers.Force("fedele2023-atria", Kd0=0.4)
+    assert force.end_state is None and copy.deepcopy(force).end_state is None
+    for model in (loop, heart, force, wiggers.Cell("ttp06-mid", dt_ms=0.1, period_ms=700)):
+        for again in (pickle.loads(pickle.dumps(model)), copy.copy(model), copy.deepcopy(model)):
+            assert np.array_equal(again.parameters.array, model.parameters.array)
+            if hasattr(model, "initial_state"):
+                assert np.array_equal(again.initial_state, model.initial_state)
+            again.parameters[again.parameters.names[-1]] += 0.01
+            assert not np.array_equal(again.parameters.array, model.parameters.array)
+    force.run(np.linspace(0, 0.1, 11), np.full(11, 0.3), 1.9)
+    for again in (pickle.loads(pickle.dumps(force)), copy.deepcopy(force), force.copy()):
+        assert same(again.end_state, force.end_state)
+
+
+def test_views_cannot_be_assigned(loop, loop_cycle, held):
+    arrays = [held["trace"]["V_LV"], held["trace"].end_state, held["cycle"].state, held["batch"].values,
+              held["batch"].states, held["batch"].samples, held["batch"]["LV.EDV_mL"], held["sensitivities"].values,
+              held["sensitivities"].derivatives, held["sensitivities"].state_derivatives,
+              held["sensitivities"].parameter_values]
+    for array in arrays + [pickle.loads(pickle.dumps(held["cycle"])).state, copy.deepcopy(held["cycle"]).state]:
+        assert not array.flags.writeable
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+    column = held["trace"]["V_LV"]
+    assert np.shares_memory(column, held["trace"]["V_LV"])
+    with pytest.raises(ValueError, match="WRITEABLE"):
+        column.flags.writeable = True
+    # A batch does not hold the caller's memory, and does not lock it.
+    mine = np.array([[2.0], [3.0]])
+    batch = loop.batch(mine, ["elastance.LV.EA"])
+    mine[0] = 9
+    assert batch.samples[0, 0] == 2
+    # A read-only state is a start like any other.
+    assert np.array_equal(loop.run(1, loop_cycle.state).end_state, loop.run(1, np.array(loop_cycle.state)).end_state)
+    assert loop.to_limit_cycle(held["trace"].end_state).certificate.converged
+    frame = held["sensitivities"].to_pandas()
+    frame.iloc[0, 0] = 1.0  # tables are copies
+
+
+@pytest.mark.parametrize("scene", [SCENE, str(ROOT / "scenes" / "whole_heart.toml")])
+def test_heart_goes_on(scene):
+    heart = wiggers.Heart(scene)
+    away = heart.run(1, heart.to_limit_cycle()).end_state.copy()
+    away[[0, 2]] += 5, -5  # mL of blood from one atrium to the other
+    # The search's own plain beats, which are the driver's one after another.
+    paced = heart.to_limit_cycle(away, method="pacing", distance=1e-2)
+    start = away.copy()
+    n = paced.certificate.beats
+    whole = heart.run(n, start)
+    assert n >= 3 and np.allclose(whole.end_state, paced.state, rtol=1e-11, atol=1e-11)
+    # One by one, in another heart, through a pickle: the same bits.
+    other = pickle.loads(pickle.dumps(heart))
+    state, steps = start, round((len(whole) - 1) / n)
+    for beat in range(n):
+        trace = other.run(1, state)
+        for name in trace.names[1:]:
+            here = whole[name][beat * steps:(beat + 1) * steps]
+            assert np.array_equal(here, trace[name][:-1]), (beat, name)
+        assert np.allclose(whole["t_s"][beat * steps:(beat + 1) * steps], trace["t_s"][:-1] + beat * 0.8, atol=1e-12)
+        state = trace.end_state
+    assert np.array_equal(state, whole.end_state) and whole["t_s"][-1] == pytest.approx(0.8 * n)
+    assert np.all(np.diff(whole["t_s"]) > 0)
+    # Left out, the start is the limit cycle.
+    assert heart.run()["V_LV"].max() == pytest.approx(heart.to_limit_cycle().indexes["LV.EDV_mL"], abs=0.05)
+
+
+@pytest.mark.parametrize("make", [wiggers.Loop, lambda: wiggers.Cell("ttp06-endo")])
+def test_runs_go_on(make):
+    model = make()
+    both, one = model.run(2), model.run(1)
+    two = model.run(1, one.end_state)
+    assert all(np.array_equal(both[n], np.concatenate([one[n][:-1], two[n]])) for n in one.names[1:])
+    assert np.array_equal(both.end_state, two.end_state)
 
 
 def test_progress_is_called_and_may_stop(loop):
