@@ -55,11 +55,11 @@ struct Crn {
       facts::gate("u", 2.35e-112, "activation of release"),
       facts::gate("v", 1, "flux inactivation of release"),
       facts::gate("w", 0.9992, "voltage inactivation of release"),
-      facts::concentration("Na_i", 11.17, "intracellular sodium"),
-      facts::concentration("Ca_i", 1.013e-4, "free cytosolic calcium"),
-      facts::concentration("K_i", 139.0, "intracellular potassium"),
-      facts::concentration("Ca_rel", 1.488, "free calcium of the release compartment"),
-      facts::concentration("Ca_up", 1.488, "calcium of the uptake compartment"),
+      facts::sodium_or_potassium("Na_i", 11.17, "intracellular sodium"),
+      facts::free_calcium("Ca_i", 1.013e-4, "free cytosolic calcium"),
+      facts::sodium_or_potassium("K_i", 139.0, "intracellular potassium"),
+      facts::stored_calcium("Ca_rel", 1.488, "free calcium of the release compartment"),
+      facts::stored_calcium("Ca_up", 1.488, "calcium of the uptake compartment"),
   };
   static_assert(well_formed(states));
   static constexpr std::array<bool, states.size()> is_gate = {false, true, true,  true,  true,  true,  true,
@@ -116,14 +116,14 @@ struct Crn {
     stimulus_K_fraction
   };
   static constexpr std::array parameters = {
-      facts::positive("R", "J/mol/K", 8.3143, "gas constant"),
-      Quantity{"T", "K", 310, 270, 320, "temperature (enters the Nernst potentials only)"},
-      facts::positive("F", "C/mmol", 96.4867, "Faraday constant"),
+      facts::gas_constant(8.3143),
+      facts::temperature(310, "temperature (enters the Nernst potentials only)"),
+      facts::faraday_constant(96.4867),
       facts::positive("Cm", "pF", 100, "membrane capacitance"),
       facts::positive("V_cell", "um^3", 20100, "cell volume"),
-      facts::positive("K_o", "mM", 5.4, "extracellular potassium"),
-      facts::positive("Na_o", "mM", 140, "extracellular sodium"),
-      facts::positive("Ca_o", "mM", 1.8, "extracellular calcium"),
+      facts::potassium_outside(5.4),
+      facts::sodium_outside(140),
+      facts::calcium_outside(1.8),
       facts::non_negative("g_Na", "nS/pF", 7.8, "conductance of the fast sodium current"),
       facts::non_negative("g_K1", "nS/pF", 0.09, "conductance of the inward rectifier"),
       facts::non_negative("g_to", "nS/pF", 0.1652, "conductance of the transient outward current"),
@@ -139,7 +139,7 @@ struct Crn {
       facts::non_negative("I_NaCa_max", "A/F", 1600, "maximal exchanger current"),
       facts::positive("K_m_Na", "mM", 87.5, "half saturation of the exchanger, sodium"),
       facts::positive("K_m_Ca", "mM", 1.38, "half saturation of the exchanger, calcium"),
-      facts::non_negative("k_sat", "1", 0.1, "saturation of the exchanger at negative potentials"),
+      Quantity{"k_sat", "1", 0.1, 0, 1, "saturation of the exchanger at negative potentials"},
       Quantity{"gamma", "1", 0.35, 0, 1, "position of the exchanger's energy barrier"},
       facts::non_negative("I_pCa_max", "A/F", 0.275, "maximal sarcolemmal calcium pump current"),
       facts::positive("K_mp_Ca", "mM", 0.0005, "half saturation of the calcium pump"),
@@ -154,7 +154,7 @@ struct Crn {
       facts::positive("K_m_CMDN", "mM", 0.00238, "half saturation of calmodulin"),
       facts::positive("K_m_TRPN", "mM", 0.0005, "half saturation of troponin"),
       facts::positive("K_m_CSQN", "mM", 0.8, "half saturation of calsequestrin"),
-      facts::positive("K_Q10", "1", 3, "temperature factor of i_to and i_Kur kinetics"),
+      Quantity{"K_Q10", "1", 3, 0.3, 30, "temperature factor of i_to and i_Kur kinetics"},
       Quantity{"stimulus_K_fraction", "1", 1, 0, 1, "share of the stimulus charge carried by potassium"},
   };
   static_assert(well_formed(parameters));

@@ -1,4 +1,5 @@
-// Short spellings for the fact sheets of the cell models.
+// Short spellings for the fact sheets of the cell models. A range is a promise: its ends can be, in a cell
+// that is ill, poisoned, or changed to see what a parameter does. Constants of nature are what they are.
 #pragma once
 
 #include <wiggers/core/quantity.hpp>
@@ -12,18 +13,48 @@ constexpr Quantity gate(std::string_view name, double start, std::string_view me
 constexpr Quantity membrane_potential(double start) {
   return {"V", "mV", start, -150, 150, "membrane potential"};
 }
-constexpr Quantity concentration(std::string_view name, double start, std::string_view meaning) {
-  return {name, "mM", start, 1e-9, 1000, meaning};
+// Concentrations within a cell. Their ranges also bound what integrators may pass through: where pumps are
+// blocked sodium and potassium come to those of the surroundings, and calcium does in cytosol and dyads.
+constexpr Quantity sodium_or_potassium(std::string_view name, double start, std::string_view meaning) {
+  return {name, "mM", start, 0.1, 300, meaning};
 }
-// A parameter that may be anything from zero to a hundred times its default.
+constexpr Quantity free_calcium(std::string_view name, double start, std::string_view meaning) {
+  return {name, "mM", start, 1e-9, 20, meaning};
+}
+constexpr Quantity stored_calcium(std::string_view name, double start, std::string_view meaning) {
+  return {name, "mM", start, 1e-9, 100, meaning};
+}
+// Constants of nature, within a thousandth: sources differ in their digits.
+constexpr Quantity gas_constant(double value) {
+  return {"R", "J/mol/K", value, 8.3062, 8.3227, "gas constant"};
+}
+constexpr Quantity faraday_constant(double value) {
+  return {"F", "C/mmol", value, 96.3889, 96.5818, "Faraday constant"};
+}
+// From ice to where proteins fall apart.
+constexpr Quantity temperature(double value, std::string_view meaning) {
+  return {"T", "K", value, 273.15, 323.15, meaning};
+}
+// Baths, from nearly free of the ion to contracture.
+constexpr Quantity potassium_outside(double value) {
+  return {"K_o", "mM", value, 0.5, 150, "extracellular potassium"};
+}
+constexpr Quantity sodium_outside(double value) {
+  return {"Na_o", "mM", value, 1, 300, "extracellular sodium"};
+}
+constexpr Quantity calcium_outside(double value) {
+  return {"Ca_o", "mM", value, 0.1, 20, "extracellular calcium"};
+}
+// A conductance, pump or buffer: from none to twenty times the default.
 constexpr Quantity non_negative(std::string_view name, std::string_view unit, double value,
                                 std::string_view meaning) {
-  return {name, unit, value, 0, value > 0 ? 100 * value : 1, meaning};
+  return {name, unit, value, 0, value > 0 ? 20 * value : 1, meaning};
 }
-// A parameter that divides or scales a state and must not vanish.
+// What must not vanish, sizes of the cell, half saturations, rates: from a tenth of the default to ten times
+// it.
 constexpr Quantity positive(std::string_view name, std::string_view unit, double value,
                             std::string_view meaning) {
-  return {name, unit, value, value / 1000, value * 1000, meaning};
+  return {name, unit, value, value / 10, value * 10, meaning};
 }
 constexpr Quantity output(std::string_view name, std::string_view unit, std::string_view meaning) {
   return {name, unit, 0, -unbounded, unbounded, meaning};

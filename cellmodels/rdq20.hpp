@@ -89,23 +89,23 @@ struct Rdq20 {
     a_XB
   };
   static constexpr std::array parameters = {
-      facts::positive("LA", "um", 1.25, "length of the thin filament"),
-      facts::positive("LM", "um", 1.65, "length of the thick filament"),
-      facts::positive("LB", "um", 0.18, "bare zone of the thick filament"),
+      Quantity{"LA", "um", 1.25, 0.8, 1.8, "length of the thin filament"},
+      Quantity{"LM", "um", 1.65, 1.2, 2.2, "length of the thick filament"},
+      Quantity{"LB", "um", 0.18, 0.01, 0.5, "bare zone of the thick filament"},
       Quantity{"SL0", "um", 2.2, 1.5, 3, "sarcomere length to which strain and its rate are referred"},
-      facts::positive("mu", "1", 10, "calcium affinity ratio of permissive and non-permissive units"),
+      Quantity{"mu", "1", 10, 1, 200, "calcium affinity ratio of permissive and non-permissive units"},
       facts::positive("Q", "1", 2,
                       "ratio of permissive to non-permissive states, calcium bound, no neighbours"),
-      facts::positive("gamma", "1", 12, "cooperativity between neighbouring units"),
-      Quantity{"Kd0", "uM", 0.381, 1e-3, 100, "calcium dissociation constant at sarcomere length 2.15 um"},
-      Quantity{"alphaKd", "uM/um", -0.571, -20, 20, "length dependence of the dissociation constant"},
-      facts::positive("Koff", "1/s", 100, "calcium unbinding rate"),
-      facts::positive("Kbasic", "1/s", 13, "basic rate of tropomyosin transitions"),
+      Quantity{"gamma", "1", 12, 1, 300, "cooperativity between neighbouring units"},
+      Quantity{"Kd0", "uM", 0.381, 0.02, 20, "calcium dissociation constant at sarcomere length 2.15 um"},
+      Quantity{"alphaKd", "uM/um", -0.571, -13, 13, "length dependence of the dissociation constant"},
+      Quantity{"Koff", "1/s", 100, 0.5, 2000, "calcium unbinding rate"},
+      Quantity{"Kbasic", "1/s", 13, 0.3, 300, "basic rate of tropomyosin transitions"},
       facts::non_negative("mu0_fP", "1/s", 32.653, "attachment: rate of the zeroth moment"),
       facts::non_negative("mu1_fP", "1/s", 0.778, "attachment: rate of the first moment"),
       facts::positive("r0", "1/s", 134.31, "detachment rate without sliding"),
       facts::non_negative("alpha", "1", 25.184, "increase of detachment with sliding velocity"),
-      facts::non_negative("a_XB", "kPa", 22.894e3, "tension per unit of first moment"),
+      Quantity{"a_XB", "kPa", 22.894e3, 0, 2e7, "tension per unit of first moment"},
   };
   static_assert(well_formed(parameters));
 

@@ -23,13 +23,14 @@ struct CircuitParametersOf {
   P R_AR = 0, C_AR = 0, L_AR = 0, R_VEN = 0, C_VEN = 0, L_VEN = 0;
 };
 using CircuitParameters = CircuitParametersOf<double>;
+// From an infant's circulation to a large adult's, ill or not; the same for the body and the lungs.
 inline constexpr std::array circuit_quantities = {
-    Quantity{"R_AR", "mmHg s/mL", 0.48, 0, 1e3, "arterial resistance"},
-    Quantity{"C_AR", "mL/mmHg", 1.5, 1e-6, 1e4, "arterial compliance"},
-    Quantity{"L_AR", "mmHg s^2/mL", 5e-3, 1e-9, 10, "arterial inertance"},
-    Quantity{"R_VEN", "mmHg s/mL", 0.26, 0, 1e3, "venous resistance"},
-    Quantity{"C_VEN", "mL/mmHg", 60, 1e-6, 1e4, "venous compliance"},
-    Quantity{"L_VEN", "mmHg s^2/mL", 5e-4, 1e-9, 10, "venous inertance"},
+    Quantity{"R_AR", "mmHg s/mL", 0.48, 1e-4, 20, "arterial resistance"},
+    Quantity{"C_AR", "mL/mmHg", 1.5, 0.02, 200, "arterial compliance"},
+    Quantity{"L_AR", "mmHg s^2/mL", 5e-3, 1e-5, 0.1, "arterial inertance"},
+    Quantity{"R_VEN", "mmHg s/mL", 0.26, 1e-4, 20, "venous resistance"},
+    Quantity{"C_VEN", "mL/mmHg", 60, 0.2, 600, "venous compliance"},
+    Quantity{"L_VEN", "mmHg s^2/mL", 5e-4, 1e-5, 0.1, "venous inertance"},
 };
 static_assert(well_formed(circuit_quantities));
 template <class Circuit>
@@ -40,18 +41,18 @@ auto fields_of(Circuit& c) requires requires {
 
 // The states as quantities; defaults: the start of the set wiggers-healthy-0d.
 inline constexpr std::array circulation_state_quantities = {
-    Quantity{"V_LA", "mL", 65, 0, 1e4, "volume of the left atrium"},
-    Quantity{"V_LV", "mL", 120, 0, 1e4, "volume of the left ventricle"},
-    Quantity{"V_RA", "mL", 65, 0, 1e4, "volume of the right atrium"},
-    Quantity{"V_RV", "mL", 145, 0, 1e4, "volume of the right ventricle"},
-    Quantity{"p_AR_SYS", "mmHg", 80, -100, 1e3, "systemic arterial pressure"},
-    Quantity{"p_VEN_SYS", "mmHg", 28, -100, 1e3, "systemic venous pressure"},
-    Quantity{"p_AR_PUL", "mmHg", 18, -100, 1e3, "pulmonary arterial pressure"},
-    Quantity{"p_VEN_PUL", "mmHg", 12, -100, 1e3, "pulmonary venous pressure"},
-    Quantity{"Q_AR_SYS", "mL/s", 0, -1e5, 1e5, "systemic arterial flow"},
-    Quantity{"Q_VEN_SYS", "mL/s", 0, -1e5, 1e5, "systemic venous flow, into the right atrium"},
-    Quantity{"Q_AR_PUL", "mL/s", 0, -1e5, 1e5, "pulmonary arterial flow"},
-    Quantity{"Q_VEN_PUL", "mL/s", 0, -1e5, 1e5, "pulmonary venous flow, into the left atrium"},
+    Quantity{"V_LA", "mL", 65, 0, 2000, "volume of the left atrium"},
+    Quantity{"V_LV", "mL", 120, 0, 2000, "volume of the left ventricle"},
+    Quantity{"V_RA", "mL", 65, 0, 2000, "volume of the right atrium"},
+    Quantity{"V_RV", "mL", 145, 0, 2000, "volume of the right ventricle"},
+    Quantity{"p_AR_SYS", "mmHg", 80, -60, 500, "systemic arterial pressure"},
+    Quantity{"p_VEN_SYS", "mmHg", 28, -60, 500, "systemic venous pressure"},
+    Quantity{"p_AR_PUL", "mmHg", 18, -60, 500, "pulmonary arterial pressure"},
+    Quantity{"p_VEN_PUL", "mmHg", 12, -60, 500, "pulmonary venous pressure"},
+    Quantity{"Q_AR_SYS", "mL/s", 0, -5000, 5000, "systemic arterial flow"},
+    Quantity{"Q_VEN_SYS", "mL/s", 0, -5000, 5000, "systemic venous flow, into the right atrium"},
+    Quantity{"Q_AR_PUL", "mL/s", 0, -5000, 5000, "pulmonary arterial flow"},
+    Quantity{"Q_VEN_PUL", "mL/s", 0, -5000, 5000, "pulmonary venous flow, into the left atrium"},
 };
 static_assert(well_formed(circulation_state_quantities));
 

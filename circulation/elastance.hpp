@@ -20,12 +20,12 @@ struct ElastanceParametersOf {
 using ElastanceParameters = ElastanceParametersOf<double>;
 // Defaults: left ventricle of the set wiggers-healthy-0d.
 inline constexpr std::array elastance_quantities = {
-    Quantity{"EA", "mmHg/mL", 2.75, 0, 1e3, "amplitude of the elastance (peak: EA + EB)"},
-    Quantity{"EB", "mmHg/mL", 0.08, 1e-6, 1e3, "elastance at rest"},
-    Quantity{"tC", "s", 0, 0, 100, "onset of contraction within the period (taken modulo the period)"},
-    Quantity{"TC", "s", 0.272, 1e-3, 10, "duration of contraction"},
-    Quantity{"TR", "s", 0.136, 1e-3, 10, "duration of relaxation"},
-    Quantity{"V0", "mL", 5, -100, 1e3, "volume at zero pressure"},
+    Quantity{"EA", "mmHg/mL", 2.75, 0, 50, "amplitude of the elastance (peak: EA + EB)"},
+    Quantity{"EB", "mmHg/mL", 0.08, 1e-3, 20, "elastance at rest"},
+    Quantity{"tC", "s", 0, 0, 20, "onset of contraction within the period (taken modulo the period)"},
+    Quantity{"TC", "s", 0.272, 0.01, 5, "duration of contraction"},
+    Quantity{"TR", "s", 0.136, 0.01, 5, "duration of relaxation"},
+    Quantity{"V0", "mL", 5, -100, 500, "volume at zero pressure"},
 };
 static_assert(well_formed(elastance_quantities));
 template <class Elastance>

@@ -28,9 +28,11 @@ struct LoopOf {
   CirculationValues initial{};
 };
 using Loop = LoopOf<double>;
-inline constexpr Quantity period_quantity = {"period_s", "s", 0.8, 0.05, 20, "duration of a heart beat"};
+inline constexpr Quantity period_quantity = {"period_s", "s", 0.8, 0.15, 20, "duration of a heart beat"};
 inline constexpr Quantity total_volume_quantity = {
-    "total_volume", "mL", 2850, 1, 1e6, "stressed blood volume; fixes the initial systemic venous pressure"};
+    "total_volume", "mL",
+    2850,           50,
+    15000,          "stressed blood volume; fixes the initial systemic venous pressure"};
 
 // visit(name, quantity, field) for every parameter, by its name in a loop file.
 template <class Circulation, class Visit>

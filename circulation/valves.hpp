@@ -29,8 +29,8 @@ struct ValveParametersOf {
 };
 using ValveParameters = ValveParametersOf<double>;
 inline constexpr std::array valve_quantities = {
-    Quantity{"Rmin", "mmHg s/mL", 0.0075, 1e-6, 1e3, "resistance of the open valve"},
-    Quantity{"Rmax", "mmHg s/mL", 75000, 1e-3, 1e12, "resistance of the closed valve"},
+    Quantity{"Rmin", "mmHg s/mL", 0.0075, 2e-4, 5, "resistance of the open valve"},
+    Quantity{"Rmax", "mmHg s/mL", 75000, 1e-3, 1e9, "resistance of the closed valve"},
 };
 static_assert(well_formed(valve_quantities));
 // Copies values between fields of two kinds of number.
@@ -45,7 +45,7 @@ auto fields_of(Valve& v) requires requires {
 }
 { return std::array{&v.Rmin, &v.Rmax}; }
 inline constexpr Quantity tanh_steepness_quantity = {
-    "tanh_steepness", "1/mmHg", 20, 1e-3, 1e6, "steepness k of the tanh valve law"};
+    "tanh_steepness", "1/mmHg", 20, 0.1, 1e4, "steepness k of the tanh valve law"};
 
 // Laws whose resistance jumps where p1 = p2; the flow is continuous there.
 inline bool has_kink(ValveLaw law) { return law == ValveLaw::diode || law == ValveLaw::ideal; }

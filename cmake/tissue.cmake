@@ -5,7 +5,7 @@ if(WIGGERS_COMMAND AND NOT WIGGERS_TISSUE STREQUAL "OFF")
   find_library(WIGGERS_GMSH gmsh)
   if(deal.II_FOUND AND DEAL_II_WITH_PETSC AND DEAL_II_WITH_MPI AND WIGGERS_GMSH)
     set(WIGGERS_TISSUE_FOUND ON)
-    # Debian's deal.II links the Open MPI flavour of HDF5, and one process must hold one HDF5: core takes it, too.
+    # Debian's deal.II links the Open MPI flavour of HDF5, and one process must hold one HDF5: ours is the same.
     set(HDF5_PREFER_PARALLEL ON)
     find_package(MPI REQUIRED COMPONENTS C CXX)
     include(${DEAL_II_TARGET_CONFIG})  # the imported target
@@ -16,8 +16,9 @@ if(WIGGERS_COMMAND AND NOT WIGGERS_TISSUE STREQUAL "OFF")
 endif()
 set(WIGGERS_HAS_TISSUE ${WIGGERS_TISSUE_FOUND} CACHE INTERNAL "whether this build has the 3D tissue")
 
-function(wiggers_tissue_room)
-  wiggers_room(tissue USES wiggers::heart Eigen3::Eigen)
-  target_include_directories(wiggers_tissue SYSTEM PUBLIC $<BUILD_INTERFACE:${DEAL_II_INCLUDE_DIRS}>)
-  target_link_libraries(wiggers_tissue PUBLIC ${DEAL_II_TARGET_RELEASE} ${WIGGERS_GMSH})
-endfunction()
+macro(wiggers_tissue_room)
+  # deal.II's target names no folder of headers: the package's configuration adds those of the machine it is used on.
+  wiggers_room(tissue USES wiggers::heart Eigen3::Eigen MPI::MPI_CXX ${DEAL_II_TARGET_RELEASE}
+               $<BUILD_INTERFACE:${WIGGERS_GMSH}> $<INSTALL_INTERFACE:wiggers::gmsh>)
+  target_include_directories(wiggers_tissue SYSTEM PUBLIC "$<BUILD_INTERFACE:${DEAL_II_INCLUDE_DIRS}>")
+endmacro()

@@ -10,31 +10,30 @@ inline constexpr Quantity body_surface_area{
 inline constexpr Quantity calcium_factor{
     "calcium_factor", "1", 1, 0, 10, "rescaling of calcium at the force model's door"};
 inline constexpr Quantity calcium_rest{
-    "calcium_rest_uM", "uM", 0.05, 0, 10, "prescribed transient: resting calcium"};
+    "calcium_rest_uM", "uM", 0.05, 0, 2, "prescribed transient: resting calcium"};
 inline constexpr Quantity calcium_peak{
     "calcium_peak_uM", "uM", 0.38, 0, 10, "prescribed transient: peak calcium"};
 inline constexpr Quantity rise{"rise_ms", "ms", 20,
-                               0.1,       1000, "prescribed transient: time constant of the rise"};
+                               1,         500,  "prescribed transient: time constant of the rise"};
 inline constexpr Quantity decay{"decay_ms", "ms", 60,
-                                0.1,        5000, "prescribed transient: time constant of the decay"};
+                                2,          2000, "prescribed transient: time constant of the decay"};
 inline constexpr Quantity activation{
     "activation_ms", "ms", 0, 0, 20000, "when the wall is stimulated, from the beat's start"};
-inline constexpr Quantity V0{
-    "unloaded_volume_mL", "mL", 95, 0.1, 1e4, "cavity volume of the unloaded sphere"};
-inline constexpr Quantity Vw{"wall_volume_mL", "mL", 130, 0.1, 1e4, "volume of the wall"};
-inline constexpr Quantity V0_LV{"unloaded_LV_mL", "mL", 85, 1, 1e4, "unloaded volume of the left ventricle"};
+inline constexpr Quantity V0{"unloaded_volume_mL", "mL", 95, 1, 1500, "cavity volume of the unloaded sphere"};
+inline constexpr Quantity Vw{"wall_volume_mL", "mL", 130, 1, 1500, "volume of the wall"};
+inline constexpr Quantity V0_LV{"unloaded_LV_mL", "mL", 85, 1, 1500, "unloaded volume of the left ventricle"};
 inline constexpr Quantity V0_RV{
-    "unloaded_RV_mL", "mL", 100, 1, 1e4, "unloaded volume of the right ventricle"};
+    "unloaded_RV_mL", "mL", 100, 1, 1500, "unloaded volume of the right ventricle"};
 inline constexpr Quantity septum_height{
     "septum_height", "1", 0.66, 0.2, 1.8, "unloaded height of the septal cap, in radii of the LV"};
 inline constexpr Quantity reference_area{
     "reference_area_cm2",
     "cm^2",
     88.5,
-    1,
-    1e4,
+    3,
+    1000,
     "unloaded midwall area of the segment (follows from the unloaded volumes)"};
-inline constexpr Quantity stiffness{"stiffness_kPa", "kPa", 0.88, 1e-3, 1e3, "C of the Usyk law"};
+inline constexpr Quantity stiffness{"stiffness_kPa", "kPa", 0.88, 0.01, 50, "C of the Usyk law"};
 inline constexpr Quantity b_ff{"b_ff", "1", 8, 0, 100, "exponent of the Usyk law along the fibre"};
 inline constexpr Quantity b_ss{"b_ss", "1", 6, 0, 100, "exponent of the Usyk law through the wall"};
 inline constexpr Quantity b_nn{"b_nn", "1", 3,
@@ -42,16 +41,16 @@ inline constexpr Quantity b_nn{"b_nn", "1", 3,
 inline constexpr Quantity n_f{"n_f", "1", 1, 0, 1, "share of active stress along the fibre"};
 inline constexpr Quantity n_n{"n_n", "1", 0.4, 0, 1, "share of active stress across the fibre in the wall"};
 inline constexpr Quantity a_XB{"a_XB_kPa", "kPa", 3.75e5,
-                               0,          1e8,   "tension per unit of first crossbridge moment"};
-inline constexpr Quantity viscosity{"viscosity_Pa_s", "Pa s", 0, 0, 1e6, "viscosity of the wall"};
-inline constexpr Quantity robin_k{"epicardial_stiffness_Pa_per_m",         "Pa/m", 0, 0, 1e8,
+                               0,          2e7,   "tension per unit of first crossbridge moment"};
+inline constexpr Quantity viscosity{"viscosity_Pa_s", "Pa s", 0, 0, 1e5, "viscosity of the wall"};
+inline constexpr Quantity robin_k{"epicardial_stiffness_Pa_per_m",         "Pa/m", 0, 0, 1e7,
                                   "surroundings: spring on the epicardium"};
-inline constexpr Quantity robin_c{"epicardial_damping_Pa_s_per_m",          "Pa s/m", 0, 0, 1e7,
+inline constexpr Quantity robin_c{"epicardial_damping_Pa_s_per_m",          "Pa s/m", 0, 0, 1e6,
                                   "surroundings: dashpot on the epicardium"};
 inline constexpr Quantity bag_pressure{
-    "pressure_mmHg", "mmHg", 0, 0, 1000, "p0 of the pericardial bag; 0: no bag"};
+    "pressure_mmHg", "mmHg", 0, 0, 200, "p0 of the pericardial bag; 0: no bag"};
 inline constexpr Quantity bag_volume{
-    "reference_volume_mL", "mL", 600, 10, 1e4, "sum of the cavities' volumes at which the bag gets taut"};
+    "reference_volume_mL", "mL", 600, 20, 6000, "sum of the cavities' volumes at which the bag gets taut"};
 inline constexpr Quantity bag_exponent{"exponent", "1", 10,
                                        1,          60,  "steepness of the bag, p0 ((V/V_ref)^n - 1)"};
 inline constexpr Quantity dt{"dt_s", "s",  1e-3,

@@ -46,6 +46,8 @@ struct TissueKind {
       make;
   // Runs a scene's body of tissue alone.
   std::function<BodyOutcome(const Scene& scene, const BodyRequest& request)> run_body;
+  // Solves a small problem whose answer is known; says what was found, throws where it is wrong.
+  std::function<std::string()> check;
   bool quiet = false;  // walls and bodies show no progress of their start and no notes on their mesh
   // Under MPI: does the work on the first rank; what it throws is thrown on all.
   std::function<void(const std::function<void()>& work)> on_first_rank = [](const auto& work) { work(); };
@@ -53,7 +55,7 @@ struct TissueKind {
   std::function<bool(bool)> any_rank = [](bool value) { return value; };
 };
 
-// `read`, `make` and `run_body` are empty where no tissue is linked.
+// `read`, `make`, `run_body` and `check` are empty where no tissue is linked.
 TissueKind& tissue_kind();
 
 }  // namespace wiggers

@@ -28,11 +28,11 @@ inline constexpr Quantity table_spacing{
 inline constexpr Quantity fast_thickness{
     "fast_layer", "1", 0.05, 0, 1, "thickness of the fast endocardial layer, share of the wall; 0: none"};
 inline constexpr Quantity sigma_f{
-    "fibre_mm2_per_ms", "mm^2/ms", 0.2, 0, 100, "conductivity along the fibre over chi C_m"};
+    "fibre_mm2_per_ms", "mm^2/ms", 0.2, 0, 10, "conductivity along the fibre over chi C_m"};
 inline constexpr Quantity sigma_s{
-    "sheet_mm2_per_ms", "mm^2/ms", 0.11, 0, 100, "conductivity along the sheet over chi C_m"};
+    "sheet_mm2_per_ms", "mm^2/ms", 0.11, 0, 10, "conductivity along the sheet over chi C_m"};
 inline constexpr Quantity sigma_n{
-    "normal_mm2_per_ms", "mm^2/ms", 0.055, 0, 100, "conductivity along the normal over chi C_m"};
+    "normal_mm2_per_ms", "mm^2/ms", 0.055, 0, 10, "conductivity along the normal over chi C_m"};
 inline constexpr Quantity x{"x_mm", "mm", 0, -1e3, 1e3, "place"};
 inline constexpr Quantity y{"y_mm", "mm", 0, -1e3, 1e3, "place"};
 inline constexpr Quantity z{"z_mm", "mm", 0, -1e3, 1e3, "place"};
@@ -40,7 +40,7 @@ inline constexpr Quantity radius{"radius_mm", "mm", 3, 0.01, 1e3, "radius of the
 inline constexpr Quantity start{"start_ms", "ms", 160, 0, 20000, "start of the stimulus in the beat"};
 inline constexpr Quantity duration{"duration_ms", "ms", 3, 0.01, 100, "length of the stimulus"};
 inline constexpr Quantity amplitude{"amplitude_V_per_s", "V/s", 25.71, 0, 1e4, "stimulus current over C_m"};
-inline constexpr Quantity density{"density_kg_per_m3", "kg/m^3", 1e3, 0, 1e5, "mass density of the tissue"};
+inline constexpr Quantity density{"density_kg_per_m3", "kg/m^3", 1e3, 0, 2e3, "mass density of the tissue"};
 inline constexpr Quantity newton{
     "residual_tolerance", "1", 1e-5, 1e-12, 1e-1, "Newton: residual over that of the step's first guess"};
 inline constexpr Quantity linear{

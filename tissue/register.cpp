@@ -3,6 +3,7 @@
 #include <wiggers/tissue/collective.hpp>
 #include <wiggers/tissue/plan.hpp>
 #include <wiggers/tissue/register.hpp>
+#include <wiggers/tissue/self_check.hpp>
 #include <wiggers/tissue/tissue_wall.hpp>
 
 namespace wiggers {
@@ -18,6 +19,7 @@ void register_tissue() {
     return scene.physics == Physics::mechanics ? run_body_mechanics(scene, request, MPI_COMM_WORLD)
                                                : run_body_electrophysiology(scene, request, MPI_COMM_WORLD);
   };
+  kind.check = check_tissue;
   kind.on_first_rank = [](const std::function<void()>& work) {
     collectively(MPI_COMM_WORLD, [&] {
       int rank = 0;

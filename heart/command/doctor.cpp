@@ -10,8 +10,10 @@
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/result_file.hpp>
 #include <wiggers/heart/summary.hpp>
+#include <wiggers/heart/tissue_kind.hpp>
 
 #include "report_program.hpp"
+#include "tissue_program.hpp"
 #include "verbs.hpp"
 
 namespace wiggers::command {
@@ -61,11 +63,40 @@ Finding check_files() {
   return {"result files", good, "written and read back"};
 }
 
+// The 3D tissue is in the command that is running, or in the wiggers-3d that it hands over to, or nowhere.
+bool has_tissue() { return tissue_kind().check || std::filesystem::exists(tissue_program()); }
+
+std::string check_tissue() {
+  if (tissue_kind().check) return tissue_kind().check();
+  const std::string program = tissue_program().string();
+  const auto ask = [&](std::vector<std::string> words) {
+    words.insert(words.begin(), program);
+    const ProgramOutput said = read_program(words, 120);
+    if (said.timed_out) throw ResourceError(fmt::format("{} does not end", program));
+    if (said.status == 127) throw ResourceError(fmt::format("{} cannot be started", program));
+    if (said.status != 0)
+      throw ResourceError(fmt::format("{} ended with status {}: {}", program, said.status, said.last_line()));
+    return said.last_line();
+  };
+  const std::string version = ask({"--version"});
+  if (version != version_text())
+    throw ResourceError(
+        fmt::format("{} is of another build, {}: 3D scenes would run with that one", program, version));
+  return ask({"doctor", "--tissue"});
+}
+
 }  // namespace
 
 void add_doctor(CLI::App& app) {
   CLI::App* verb = app.add_subcommand("doctor", "What was built with what, and is it healthy");
-  verb->callback([] {
+  const auto tissue_alone = std::make_shared<bool>(false);
+  verb->add_flag("--tissue", *tissue_alone, "check the 3D tissue alone and say in one line what was found");
+  verb->callback([tissue_alone] {
+    if (*tissue_alone) {
+      if (!has_tissue()) throw ResourceError(TissueNeeded::reason);
+      fmt::print("{}\n", check_tissue());
+      return;
+    }
     fmt::print("{}\n{}\n", version_text(), WIGGERS_BUILD_FACTS);
     std::vector<Finding> findings;
     const auto attempt = [&](const std::string& name, auto&& check) {
@@ -79,6 +110,7 @@ void add_doctor(CLI::App& app) {
       if (model->is_ionic()) attempt(std::string(model->name), [&] { return check_cell(*model); });
     attempt("circulation", check_loop);
     attempt("result files", check_files);
+    if (has_tissue()) attempt("3D tissue", [] { return Finding{"3D tissue", true, check_tissue()}; });
     std::fflush(stdout);
     const int python = run_program({report_python(), "-c", "import h5py, matplotlib, numpy"});
     findings.push_back(
@@ -89,7 +121,8 @@ void add_doctor(CLI::App& app) {
       fmt::print("  {:<18} {:<6} {}\n", f.name, f.good ? "good" : "BAD", f.detail);
       healthy = healthy && f.good;
     }
-    fmt::print("3D tissue          not in this build\n");
+    if (!has_tissue())
+      fmt::print("  {:<18} {:<6} no wiggers-3d beside this command\n", "3D tissue", "absent");
     if (!healthy) throw ResourceError("not healthy: see the lines marked BAD");
     fmt::print("healthy\n");
   });

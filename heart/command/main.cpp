@@ -6,22 +6,18 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
-#include <filesystem>
 #include <string_view>
 #include <wiggers/heart/tissue_kind.hpp>
 
 #include "application.hpp"
+#include "tissue_program.hpp"
 
 namespace {
 
 // Returns only if there is no such executable.
 void hand_over(char** argv) {
-  std::error_code none;
-  const auto self = std::filesystem::read_symlink("/proc/self/exe", none);
-  if (none) return;
-  const auto other = self.parent_path() / "wiggers-3d";
   std::fflush(nullptr);
-  execv(other.c_str(), argv);
+  execv(wiggers::command::tissue_program().c_str(), argv);
 }
 
 }  // namespace

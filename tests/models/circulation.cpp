@@ -206,6 +206,29 @@ TEST_CASE("loop files: tables, names of sets for tables, and refusals") {
   CHECK_THROWS_WITH(read("period_s = \"long\"\n"), Catch::Contains("must be a number"));
 }
 
+TEST_CASE("every set of the circulation, and a tenth and ten times it, is within the declared ranges") {
+  for (const CirculationSet& set : circulation_sets()) {
+    Loop loop = set.loop;
+    const auto check = [&](const std::string& name, const Quantity& q, double value) {
+      if (name.starts_with("elastance.") && !set.has_elastances) return;
+      INFO(set.name << " " << name << " = " << value << ", " << q.lower << " to " << q.upper);
+      CHECK((q.lower <= value && value <= q.upper));
+      // What no heart has, whatever its set.
+      if (q.unit == "s") return;
+      if (q.name != "V0") CHECK((q.lower <= 0.1 * value && 10 * value <= q.upper));
+    };
+    for_each_loop_parameter(loop, check);
+    if (set.has_elastances)
+      for (std::size_t k = 0; k < circulation_state_quantities.size(); ++k)
+        CHECK_NOTHROW(check_range(circulation_state_quantities[k], loop.initial[k], set.name));
+  }
+  for (const Quantity& q : circulation_state_quantities) {
+    if (q.unit == "mmHg") CHECK((q.lower >= -100 && q.upper <= 500));
+    if (q.unit == "mL") CHECK((q.lower == 0 && q.upper <= 2000));
+  }
+  for (const Quantity& q : circuit_quantities) CHECK(q.lower > 0);
+}
+
 TEST_CASE("random parameters end in a beat or in words, never in NaN") {
   std::mt19937 random(3);
   std::uniform_real_distribution<double> exponent(-1, 1);

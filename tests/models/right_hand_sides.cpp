@@ -4,11 +4,13 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <limits>
+#include <set>
 #include <wiggers/cellmodels/catalogue.hpp>
 #include <wiggers/cellmodels/crn.hpp>
 #include <wiggers/cellmodels/rdq20.hpp>
 #include <wiggers/cellmodels/ttp06.hpp>
 #include <wiggers/core/dual.hpp>
+#include <wiggers/core/errors.hpp>
 
 #include "figures.hpp"
 
@@ -203,6 +205,35 @@ TEST_CASE("right-hand sides are finite at every corner of the state space") {
             CHECK(std::isfinite(rates[i]));
           }
         }
+  }
+}
+
+TEST_CASE("declared ranges hold what can be and nothing else") {
+  // Bounded by sense, not by multiples of the default.
+  const std::set<std::string_view> bounded = {
+      "R", "T", "F", "Na_o", "gamma", "k_sat", "stimulus_K_fraction", "LA", "LM", "LB", "SL0"};
+  for (const CellModel* model : catalogue()) {
+    for (const Quantity& q : model->parameters) {
+      INFO(model->name << " " << q.name << " " << q.lower << " to " << q.upper);
+      CHECK(std::isfinite(q.lower));
+      CHECK(std::isfinite(q.upper));
+      if (q.unit == "mM") CHECK((q.lower >= 0 && q.upper < 1000));
+      if (q.name == "R") CHECK((q.lower > 0.998 * 8.314462618 && q.upper < 1.002 * 8.314462618));
+      if (q.name == "F") CHECK((q.lower > 0.998 * 96.48533212 && q.upper < 1.002 * 96.48533212));
+      if (q.name == "T") CHECK((q.lower == 273.15 && q.upper == 323.15));
+      if (q.name == "Na_o") CHECK(q.upper == 300);
+      if (bounded.contains(q.name) || q.default_value <= 0 || q.upper == 1 || q.unit == "mV") continue;
+      CHECK(q.lower <= 0.1 * q.default_value);
+      CHECK(q.upper >= 10 * q.default_value);
+      CHECK(q.upper <= 1000 * q.default_value);
+    }
+    for (const Quantity& q : model->states)
+      if (q.unit == "mM") CHECK((q.lower > 0 && q.upper <= 300));
+    for (const ParameterSet& set : model->parameter_sets) {
+      const auto values = model->parameter_values(set.name);
+      for (std::size_t k = 0; k < values.size(); ++k)
+        CHECK_NOTHROW(check_range(model->parameters[k], values[k], set.name));
+    }
   }
 }
 

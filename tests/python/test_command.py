@@ -1,12 +1,14 @@
 """The command, checked from outside: formats, names, numbers, JSON."""
 
 import json
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import h5py
 import pytest
-from conftest import DATA, REFERENCE, SCENES, read_csv
+from conftest import COMMAND, DATA, REFERENCE, SCENES, read_csv
 
 BASELINE = """
 period_s = 0.8
@@ -239,6 +241,48 @@ def test_models_check_doctor_and_help(wiggers):
     assert doctor.status == 0 and "healthy" in doctor.out
     for verb in ("run", "check", "cell", "force", "loop", "models", "report", "doctor", "trade", "extremes"):
         assert wiggers(verb, "--help").status == 0
+
+
+@pytest.fixture
+def command_beside(tmp_path, wiggers):
+    """The command, copied beside a wiggers-3d of the given words (none: of nothing)."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    shutil.copy(COMMAND, folder / "wiggers")
+
+    def run(script, *words):
+        if script is not None:
+            (folder / "wiggers-3d").write_text("#!/bin/sh\n" + script)
+            (folder / "wiggers-3d").chmod(0o755)
+        return subprocess.run([folder / "wiggers", *words], capture_output=True, text=True, timeout=120)
+
+    return run
+
+
+def test_doctor_says_of_the_tissue_what_is_true(wiggers, command_beside):
+    doctor = wiggers("doctor").out
+    line = next(line for line in doctor.splitlines() if "3D tissue" in line)
+    if (Path(COMMAND).parent / "wiggers-3d").exists():
+        assert "good" in line and "affine patch test" in line
+        assert wiggers("doctor", "--tissue").out.count("\n") == 1
+    else:
+        assert "absent" in line
+    version = wiggers("--version").out.strip()
+    alone = command_beside(None, "doctor")
+    assert alone.returncode == 0 and "absent" in alone.stdout and "no wiggers-3d" in alone.stdout
+    assert command_beside(None, "doctor", "--tissue").returncode == 1
+    for script, said in (
+        ("echo wiggers 0.0.9 '(0000000)'", "of another build, wiggers 0.0.9 (0000000)"),
+        ("echo 'libpetsc.so: cannot open shared object file' >&2; exit 127", "cannot be started"),
+        ("kill -11 $$", "status 139"),
+        (f"[ $1 = --version ] && echo '{version}' || {{ echo 'wiggers: failed: off by 1e-2' >&2; exit 1; }}", "off by 1e-2"),
+    ):
+        ill = command_beside(script, "doctor")
+        assert ill.returncode == 1, script
+        line = next(line for line in ill.stdout.splitlines() if "3D tissue" in line)
+        assert "BAD" in line and said in line and "not healthy" in ill.stderr
+    well = command_beside(f"[ $1 = --version ] && echo '{version}' || echo 'off by 1e-15'", "doctor")
+    assert well.returncode == 0 and "off by 1e-15" in well.stdout
 
 
 def test_reference_pages_are_in_step(wiggers):

@@ -66,7 +66,7 @@ def test_parameters_are_mapping_and_attributes(loop):
 
 @pytest.mark.parametrize(("name", "value", "words"), [
     ("elastance.LV.EX", 1, "did you mean 'elastance.LV.EA'"),
-    ("elastance.LV.EB", -1, "outside its range 1e-06 to 1000 mmHg/mL"),
+    ("elastance.LV.EB", -1, "outside its range 0.001 to 20 mmHg/mL"),
     ("elastance.LV.EA", float("nan"), "nan"),
     ("elastance.LV.EA", "big", "is not a number"),
     ("elastance.LV.TC", 0.7, "longer than the period"),
