@@ -69,9 +69,9 @@ struct CellTension {
   std::array<double, 4> tension{}, stiffness{};
 };
 
-// Tissue is water for four fifths. Whatever is pressed out of it, its dry matter stays: an equilibrium with a
-// smaller volume ratio is one of the law's formula, not of tissue.
-inline constexpr double smallest_meaningful_J = 0.2;
+// Four fifths of tissue are water, by mass. Whatever is pressed out of it, its dry matter stays, some 15 % of
+// the volume: a state with a smaller volume ratio is one of the law's formula, not of tissue.
+inline constexpr double smallest_meaningful_J = 0.15;
 
 struct Balance {
   double residual = 0;  // Euclidean norm, N
