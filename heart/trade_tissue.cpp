@@ -130,7 +130,7 @@ TradeStudy trade_tissue(const std::filesystem::path& scene, const std::vector<st
       {"ionic currents", "SVI", {coarse, ep + "ionic_currents=svi"}},
       {"feedback", "none", {coarse, ep + "mechano_electric_feedback=false"}}};
   const std::string linear = mechanics + "order=1", quadratic = mechanics + "order=2";
-  // Fibres turn within the wall, which needs two elements across for that: 8 and 6 mm have one.
+  // 5 mm has two elements across the wall, 8 and 6 mm have one.
   const std::vector<std::string> fine_displacement = {wall + "size_mm=5", quadratic};
   const std::vector<Job> displacements = {{"displacement, P1", "8 mm", {coarse, linear}},
                                           {"displacement, P1", "6 mm", {wall + "size_mm=6", linear}},

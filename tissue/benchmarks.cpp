@@ -242,6 +242,9 @@ SphereResult sphere(const SphereSettings& settings, MPI_Comm communicator) {
   // Frames: s along the radius; fibre and normal tangential, the helix about the z axis.
   FibreField fibres;
   fibres.frames.resize(mesh->points.size());
+  fibres.axes.resize(mesh->points.size());
+  fibres.alpha_deg.resize(mesh->points.size());
+  fibres.beta_deg.resize(mesh->points.size());
   for (std::size_t k = 0; k < mesh->points.size(); ++k) {
     const Point3& p = mesh->points[k];
     const double radius = norm(p);
@@ -251,9 +254,10 @@ SphereResult sphere(const SphereSettings& settings, MPI_Comm communicator) {
     around = length > 1e-9 ? (1 / length) * around : Vector3{0, 1, 0};
     const Vector3 up = cross(s, around);
     const double depth = (radius - 1e-3 * inner_mm) / (1e-3 * (outer_mm - inner_mm));
-    const double angle = settings.project_coefficients ? (60 - 120 * depth) * M_PI / 180 : 0;
-    const Vector3 f = std::cos(angle) * around + std::sin(angle) * up;
-    fibres.frames[k] = {f, s, cross(f, s)};
+    const double angle = settings.project_coefficients ? 60 - 120 * depth : 0;
+    fibres.axes[k] = {around, up, s};
+    fibres.alpha_deg[k] = angle;
+    fibres.frames[k] = turned_frame(fibres.axes[k], angle, 0);
   }
   MechanicsSettings mechanics_settings;
   mechanics_settings.order = settings.order;

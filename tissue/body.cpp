@@ -72,6 +72,15 @@ FibreField make_fibres(const TissuePlan& plan, const TetMesh& mesh) {
   return plan.fibres_from_file ? fibres_from_cells(mesh) : rule_based_fibres(mesh, plan.fibres);
 }
 
+void say_of_fibres(const TissuePlan& plan, const TetMesh& mesh, const FibreField& fibres,
+                   const std::string& place, MPI_Comm communicator) {
+  int rank = 0;
+  MPI_Comm_rank(communicator, &rank);
+  if (!plan.fibres_from_file || tissue_kind().quiet || rank != 0) return;
+  if (const AmbiguousTurns turns = ambiguous_turns(mesh, fibres); turns.cells > 0)
+    fmt::print("ERROR: {}: {}\n", place, turns_text(mesh, turns));
+}
+
 std::vector<IonicRegion> ionic_regions(const Scene& scene, const WallPlan& wall, const TetMesh& mesh,
                                        const std::map<std::string, PacedCellType>& cells,
                                        const std::string& place) {

@@ -22,6 +22,10 @@ int endocardium_of(int chamber);
 
 FibreField make_fibres(const TissuePlan& plan, const TetMesh& mesh);
 
+// Says, on the first rank, where a file's fibres turn too far between cells to be resolved.
+void say_of_fibres(const TissuePlan& plan, const TetMesh& mesh, const FibreField& fibres,
+                   const std::string& place, MPI_Comm communicator);
+
 // What is excitable, with the state that the cells have at the beat's start; `place` for messages. Refuses
 // cells without an ionic model and those whose tissue the mesh does not have. Cells that were not paced (a
 // run that is resumed) begin in their published state.

@@ -69,6 +69,7 @@ struct MechanicsRun {
   void build(std::shared_ptr<const TetMesh> unloaded) {
     mesh = std::move(unloaded);
     collectively(communicator, [&] { fibres = make_fibres(plan, *mesh); });
+    say_of_fibres(plan, *mesh, fibres, "body", communicator);
     partition = std::make_unique<Partition>(mesh, communicator);
     mechanics = std::make_unique<Mechanics>(*partition, &fibres, mechanics_of(plan, chambers, *image));
     cell_volume.assign(partition->cells().size(), 0.0);
@@ -132,6 +133,7 @@ struct MechanicsRun {
       }
     if (any) reach_volumes(*mechanics, wanted_m3, pressures, settings, report);
     newton += report.newton_iterations;
+    mechanics->require_meaningful(mechanics->assemble(pressures, false));
     share = next;
   }
 

@@ -42,7 +42,7 @@ Point3 orthogonal_part(const Point3& v, const Point3& e) {
   return normalized(rest - dot(rest, e) * e);  // twice is enough to machine accuracy
 }
 
-// Columns f, s, n of a right-handed frame.
+// A right-handed frame as a matrix: its directions are the columns.
 using Rotation = Eigen::Matrix3d;
 
 Eigen::Vector3d to_eigen(const Point3& p) { return {p[0], p[1], p[2]}; }
@@ -64,19 +64,40 @@ Frame to_frame(const Rotation& m) {
   return orthonormalized({m(0, 0), m(1, 0), m(2, 0)}, {m(0, 1), m(1, 1), m(2, 1)});
 }
 
-// The rule's two turns. `outward` is the transmural direction from the endocardium to the outside,
-// `longitudinal` points to the base; neither needs to be normalised.
-Frame turned_frame(const Point3& longitudinal, const Point3& outward, double alpha_deg, double beta_deg) {
+// The wall's axes e_l, e_n, e_t at a point, and the angles by which the rule turns the frame out of them.
+struct WallFrame {
+  Frame axes;
+  double alpha_deg = 0, beta_deg = 0;
+
+  Frame frame() const { return turned_frame(axes, alpha_deg, beta_deg); }
+};
+
+// `outward` is the transmural direction from the endocardium to the outside, `longitudinal` points to the
+// base; neither needs to be normalised.
+WallFrame wall_frame(const Point3& longitudinal, const Point3& outward, double alpha_deg, double beta_deg) {
   const bool has_outward = norm(outward) > 0, has_longitudinal = norm(longitudinal) > 0;
   const Point3 e_t = has_outward        ? normalized(outward)
                      : has_longitudinal ? some_perpendicular(longitudinal)
                                         : Point3{0, 0, 1};
   const Point3 e_n = has_longitudinal ? orthogonal_part(longitudinal, e_t) : some_perpendicular(e_t);
-  const Point3 e_l = cross(e_n, e_t);
-  const double alpha = alpha_deg * radian_per_deg, beta = beta_deg * radian_per_deg;
-  const Point3 f = std::cos(alpha) * e_l + std::sin(alpha) * e_n;
-  const Point3 in_wall = std::cos(alpha) * e_n - std::sin(alpha) * e_l;
-  return orthonormalized(f, std::cos(beta) * e_t + std::sin(beta) * in_wall);
+  return {{cross(e_n, e_t), e_n, e_t}, alpha_deg, beta_deg};
+}
+
+// The four frames that have the lines of one: itself, and turned half round each of its directions.
+std::array<Eigen::Quaterniond, 4> half_turns() {
+  return {Eigen::Quaterniond(1, 0, 0, 0), Eigen::Quaterniond(0, 1, 0, 0), Eigen::Quaterniond(0, 0, 1, 0),
+          Eigen::Quaterniond(0, 0, 0, 1)};
+}
+
+// Which half turn of `b` comes nearest to `a`, and the cosine of half the angle that is left: at least 1/2.
+std::pair<std::size_t, double> nearest_half_turn(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {
+  const Eigen::Quaterniond between = b.conjugate() * a;
+  const std::array<double, 4> closeness = {std::abs(between.w()), std::abs(between.x()),
+                                           std::abs(between.y()), std::abs(between.z())};
+  std::size_t nearest = 0;
+  for (std::size_t k = 1; k < 4; ++k)
+    if (closeness[k] > closeness[nearest] + 1e-12) nearest = k;
+  return {nearest, closeness[nearest]};
 }
 
 // Spherical interpolation from a to the nearest of the four frames that have the lines of b.
@@ -84,19 +105,7 @@ Frame blended(const Frame& a, const Frame& b, double weight) {
   if (weight <= 0) return a;
   if (weight >= 1) return b;
   const Eigen::Quaterniond from(to_rotation(a)), to(to_rotation(b));
-  const std::array<Eigen::Quaterniond, 4> flips = {
-      Eigen::Quaterniond(1, 0, 0, 0), Eigen::Quaterniond(0, 1, 0, 0), Eigen::Quaterniond(0, 0, 1, 0),
-      Eigen::Quaterniond(0, 0, 0, 1)};
-  Eigen::Quaterniond nearest = to;
-  double closeness = -1;
-  for (const auto& flip : flips) {
-    const Eigen::Quaterniond candidate = to * flip;
-    const double here = std::abs(from.dot(candidate));
-    if (here > closeness + 1e-12) {
-      closeness = here;
-      nearest = candidate;
-    }
-  }
+  const Eigen::Quaterniond nearest = to * half_turns()[nearest_half_turn(from, to).first];
   return to_frame(from.slerp(weight, nearest).normalized().toRotationMatrix());
 }
 
@@ -345,27 +354,40 @@ struct WallPoint {
   FibreAngles angles_left, angles_right;
 };
 
-Frame bayer_frame(const WallPoint& p) {
+// The axes from which these angles lead to the lines of `blend`, a frame near that of `main`.
+WallFrame with_angles_of(const WallFrame& main, const Frame& blend) {
+  const Frame turn = turned_frame({{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}}, main.alpha_deg, main.beta_deg);
+  const Rotation frame = to_rotation(blend);
+  const Eigen::Quaterniond wanted(to_rotation(main.frame())), there(frame);
+  const Eigen::Quaterniond same_lines = there * half_turns()[nearest_half_turn(wanted, there).first];
+  return {to_frame(same_lines.toRotationMatrix() * to_rotation(turn).transpose()), main.alpha_deg,
+          main.beta_deg};
+}
+
+WallFrame bayer_frame(const WallPoint& p) {
   const FibreAngles &l = p.angles_left, &r = p.angles_right;
   const FibreAngles epi = mixed(r, l, p.xi);
   const double alpha_epi = p.outer * epi.alpha_epi, beta_epi = p.outer * epi.beta_epi;
   const auto frame = [&](const Point3& longitudinal, const Point3& outward, double sign_left,
                          double sign_right) {
-    return turned_frame(longitudinal, outward,
-                        sign_left * p.left * l.alpha_endo + sign_right * p.right * r.alpha_endo + alpha_epi,
-                        sign_left * p.left * l.beta_endo + sign_right * p.right * r.beta_endo + beta_epi);
+    return wall_frame(longitudinal, outward,
+                      sign_left * p.left * l.alpha_endo + sign_right * p.right * r.alpha_endo + alpha_epi,
+                      sign_left * p.left * l.beta_endo + sign_right * p.right * r.beta_endo + beta_epi);
   };
-  const Frame from_left = frame(p.longitudinal_left, -1.0 * p.grad_left, 1, -1);
+  const WallFrame from_left = frame(p.longitudinal_left, -1.0 * p.grad_left, 1, -1);
   if (p.right == 0 && norm(p.grad_right) == 0) return from_left;  // a lone left ventricle
-  const Frame from_right = frame(p.longitudinal_right, -1.0 * p.grad_right, -1, 1);
+  const WallFrame from_right = frame(p.longitudinal_right, -1.0 * p.grad_right, -1, 1);
   const Point3 longitudinal = p.xi * p.longitudinal_left + (1 - p.xi) * p.longitudinal_right;
-  const Frame outer = frame(longitudinal, -1.0 * (p.grad_left + p.grad_right), 1, 1);
-  const double inside = p.left + p.right;
-  const Frame inner = blended(from_left, from_right, inside > 0 ? p.right / inside : 1 - p.xi);
-  return blended(inner, outer, p.outer);
+  const WallFrame outer = frame(longitudinal, -1.0 * (p.grad_left + p.grad_right), 1, 1);
+  const double inside = p.left + p.right, share_right = inside > 0 ? p.right / inside : 1 - p.xi;
+  const Frame inner = blended(from_left.frame(), from_right.frame(), share_right);
+  // The angles are those of the wall that weighs most. Where walls meet at an angle no other choice is
+  // better; elsewhere all three lead to the same lines.
+  const WallFrame& main = p.outer >= 0.5 ? outer : share_right >= 0.5 ? from_right : from_left;
+  return with_angles_of(main, blended(inner, outer.frame(), p.outer));
 }
 
-Frame doste_frame(const WallPoint& p) {
+WallFrame doste_frame(const WallPoint& p) {
   const double transmural = 2 * p.left - p.right;
   const Point3 gradient = 2.0 * p.grad_left - p.grad_right;
   // On the epicardium both fields vanish; there xi tells the ventricle.
@@ -373,9 +395,9 @@ Frame doste_frame(const WallPoint& p) {
   const double depth = left ? transmural / 2 : -transmural;
   const FibreAngles& own = left ? p.angles_left : p.angles_right;
   const FibreAngles epi = mixed(p.angles_right, p.angles_left, p.xi);
-  return turned_frame(left ? p.longitudinal_left : p.longitudinal_right, (left ? -1.0 : 1.0) * gradient,
-                      depth * own.alpha_endo + p.outer * epi.alpha_epi,
-                      depth * own.beta_endo + p.outer * epi.beta_epi);
+  return wall_frame(left ? p.longitudinal_left : p.longitudinal_right, (left ? -1.0 : 1.0) * gradient,
+                    depth * own.alpha_endo + p.outer * epi.alpha_epi,
+                    depth * own.beta_endo + p.outer * epi.beta_epi);
 }
 
 // The harmonic coordinates of the ventricles; fills the scalar fields of `field`.
@@ -408,6 +430,13 @@ VentricularCoordinates ventricular_coordinates(const LaplaceProblem& problem, co
     field.apex_base[v] = psi[v];
   }
   return c;
+}
+
+void set_vertex(FibreField& field, std::size_t v, const WallFrame& wall) {
+  field.axes[v] = wall.axes;
+  field.alpha_deg[v] = wall.alpha_deg;
+  field.beta_deg[v] = wall.beta_deg;
+  field.frames[v] = wall.frame();
 }
 
 void add_ventricles(const Surfaces& surfaces, const FibreRule& rule, FibreField& field) {
@@ -460,7 +489,7 @@ void add_ventricles(const Surfaces& surfaces, const FibreRule& rule, FibreField&
                       right.direction[v],
                       mixed(rule.left, rule.left_outflow, left.outflow[v]),
                       mixed(rule.right, rule.right_outflow, right.outflow[v])};
-    field.frames[v] = rule.kind == FibreRuleKind::bayer ? bayer_frame(p) : doste_frame(p);
+    set_vertex(field, v, rule.kind == FibreRuleKind::bayer ? bayer_frame(p) : doste_frame(p));
   }
 }
 
@@ -558,7 +587,7 @@ void add_atrium(const Surfaces& surfaces, int volume, FibreField& field) {
     Point3 longitudinal = to_annulus[v];
     if (bundles && psi_roof[v] < vestibule)
       longitudinal = psi_veins[v] <= first || psi_veins[v] >= second ? between[v] : along[v];
-    field.frames[v] = turned_frame(longitudinal, -1.0 * transmural[v], 0, 0);
+    set_vertex(field, v, wall_frame(longitudinal, -1.0 * transmural[v], 0, 0));
     field.transmural[v] = phi[v];
     field.apex_base[v] = psi_roof[v];
   }
@@ -566,8 +595,16 @@ void add_atrium(const Surfaces& surfaces, int volume, FibreField& field) {
 
 FibreField empty_field(const TetMesh& mesh) {
   const std::size_t n = mesh.points.size();
-  return {std::vector<Frame>(n, Frame{}), std::vector<double>(n, 0), std::vector<double>(n, 1),
-          std::vector<double>(n, 1),      std::vector<double>(n, 0), {}};
+  FibreField field;
+  field.frames.assign(n, Frame{});
+  field.axes.assign(n, Frame{});
+  field.alpha_deg.assign(n, 0);
+  field.beta_deg.assign(n, 0);
+  field.transmural.assign(n, 0);
+  field.endocardial_distance.assign(n, 1);
+  field.interventricular.assign(n, 1);
+  field.apex_base.assign(n, 0);
+  return field;
 }
 
 bool is_zero(const Frame& frame) { return dot(frame[0], frame[0]) == 0; }
@@ -580,6 +617,14 @@ Point3 main_direction(const Eigen::Matrix3d& dyads) {
 }
 
 }  // namespace
+
+Frame turned_frame(const Frame& axes, double alpha_deg, double beta_deg) {
+  const auto& [e_l, e_n, e_t] = axes;
+  const double alpha = alpha_deg * radian_per_deg, beta = beta_deg * radian_per_deg;
+  const Point3 f = std::cos(alpha) * e_l + std::sin(alpha) * e_n;
+  const Point3 in_wall = std::cos(alpha) * e_n - std::sin(alpha) * e_l;
+  return orthonormalized(f, std::cos(beta) * e_t + std::sin(beta) * in_wall);
+}
 
 FibreRule fibre_rule(FibreRuleKind kind, const std::array<double, 16>& angles) {
   for (std::size_t i = 0; i < angles.size(); ++i) check_range(fibre_quantities[i], angles[i], "fibre rule");
@@ -615,6 +660,8 @@ FibreField fibres_from_cells(const TetMesh& mesh) {
         fmt::format("fibres: the mesh brings {} fibre directions for {} cells; it must bring one a cell",
                     mesh.cell_frames.size(), mesh.cells.size()));
   FibreField field = rule_based_fibres(mesh);
+  field.alpha_deg.clear();  // the file's lines have none
+  field.beta_deg.clear();
   field.cell_frames.assign(mesh.cells.size(), Frame{});
   std::vector<Eigen::Matrix3d> fibres(mesh.points.size(), Eigen::Matrix3d::Zero()), sheets = fibres;
   for (std::size_t c = 0; c < mesh.cells.size(); ++c) {
@@ -643,18 +690,37 @@ Frame frame_at(const FibreField& field, const TetMesh& mesh, int cell,
   if (!mesh_tags::conductive(mesh.cell_tags[at(cell)])) return {};
   if (!field.cell_frames.empty()) return field.cell_frames[at(cell)];
   const auto& vertices = mesh.cells[at(cell)];
-  // The vertex that weighs most gives the signs: its own frame is always met, and no sum can cancel on it.
-  const auto heaviest = static_cast<std::size_t>(std::max_element(barycentric.begin(), barycentric.end()) -
-                                                 barycentric.begin());
-  const Frame& reference = field.frames[at(vertices[heaviest])];
-  Point3 fibre{}, sheet{};
+  const bool has_angles = !field.alpha_deg.empty();
+  const std::vector<Frame>& lines = has_angles ? field.axes : field.frames;
+  std::array<Eigen::Quaterniond, 4> q;
+  for (std::size_t i = 0; i < 4; ++i) q[i] = Eigen::Quaterniond(to_rotation(lines[at(vertices[i])]));
+
+  // Signs are those of the vertex that the others are nearest to. It belongs to the cell, not to the point:
+  // then the sum is linear in the cell, and as each term is within a right angle of it, it vanishes nowhere.
+  std::size_t centre = 0;
+  double most = -1;
   for (std::size_t i = 0; i < 4; ++i) {
-    const Frame& frame = field.frames[at(vertices[i])];
-    fibre = fibre + barycentric[i] * (dot(frame[0], reference[0]) < 0 ? -1.0 : 1.0) * frame[0];
-    sheet = sheet + barycentric[i] * (dot(frame[1], reference[1]) < 0 ? -1.0 : 1.0) * frame[1];
+    double sum = 0;
+    for (std::size_t k = 0; k < 4; ++k) sum += nearest_half_turn(q[i], q[k]).second;
+    if (sum > most + 1e-12) {
+      most = sum;
+      centre = i;
+    }
   }
-  if (!(norm(fibre) > 1e-8)) return reference;
-  return orthonormalized(fibre, norm(sheet) > 1e-8 ? sheet : reference[1]);
+  Eigen::Vector4d sum = Eigen::Vector4d::Zero();
+  double alpha_deg = 0, beta_deg = 0;
+  for (std::size_t i = 0; i < 4; ++i) {
+    const std::size_t turn = nearest_half_turn(q[centre], q[i]).first;
+    const Eigen::Quaterniond aligned = q[i] * half_turns()[turn];
+    sum += (aligned.dot(q[centre]) < 0 ? -1.0 : 1.0) * barycentric[i] * aligned.coeffs();
+    if (!has_angles) continue;
+    // Seen from axes turned half round e_l, e_n or e_t, the same lines have angles of these signs.
+    constexpr double of_alpha[] = {1, -1, -1, 1}, of_beta[] = {1, 1, -1, -1};
+    alpha_deg += barycentric[i] * of_alpha[turn] * field.alpha_deg[at(vertices[i])];
+    beta_deg += barycentric[i] * of_beta[turn] * field.beta_deg[at(vertices[i])];
+  }
+  const Frame between = to_frame(Eigen::Quaterniond(sum).normalized().toRotationMatrix());
+  return has_angles ? turned_frame(between, alpha_deg, beta_deg) : between;
 }
 
 double helix_angle_deg(const Point3& fibre, const Point3& outward, const Point3& axis) {
@@ -674,8 +740,11 @@ FibreCheck check_fibres(const TetMesh& mesh, const FibreField& field) {
   const std::size_t n = mesh.points.size();
   const std::array<const std::vector<double>*, 4> coordinates = {
       &field.transmural, &field.endocardial_distance, &field.interventricular, &field.apex_base};
-  check.sizes_match = field.frames.size() == n && std::all_of(coordinates.begin(), coordinates.end(),
-                                                              [&](const auto* c) { return c->size() == n; });
+  const std::size_t n_angles = field.alpha_deg.empty() ? 0 : n;
+  check.sizes_match =
+      field.frames.size() == n && field.axes.size() == n && field.alpha_deg.size() == n_angles &&
+      field.beta_deg.size() == n_angles &&
+      std::all_of(coordinates.begin(), coordinates.end(), [&](const auto* c) { return c->size() == n; });
   if (!check.sizes_match) return check;
   check.coordinates_in_range = std::all_of(coordinates.begin(), coordinates.end(), [](const auto* c) {
     return std::all_of(c->begin(), c->end(), [](double x) { return x >= 0 && x <= 1; });

@@ -95,9 +95,16 @@ FibreRuleKind fibre_rule_kind(std::string_view name);
 
 using Frame = std::array<Point3, 3>;  // f, s, n
 
+// The rule's two turns: f, s, n from the wall's axes e_l, e_n, e_t.
+Frame turned_frame(const Frame& axes, double alpha_deg, double beta_deg);
+
 // One entry a vertex of the mesh in each list.
 struct FibreField {
-  std::vector<Frame> frames;                 // zero vectors outside the myocardium
+  std::vector<Frame> frames;  // zero vectors outside the myocardium
+  std::vector<Frame> axes;    // e_l, e_n, e_t of the wall
+  // The angles by which the rule turned the frames out of the axes. Empty where frames are lines of which no
+  // angle is known.
+  std::vector<double> alpha_deg, beta_deg;
   std::vector<double> transmural;            // 1 endocardium .. 0 epicardium of the chamber; 0 outside
   std::vector<double> endocardial_distance;  // 0 on either ventricular endocardium .. 1 outside; 1 in atria
   std::vector<double> interventricular;      // xi_hat: 0 right .. 1 left; 1 for a lone left ventricle, atria
@@ -113,9 +120,13 @@ FibreField rule_based_fibres(const TetMesh& mesh, const FibreRule& rule = fibre_
 // directions of the surrounding cells, for output. The coordinates of the wall are computed as above.
 FibreField fibres_from_cells(const TetMesh& mesh);
 
-// The frame at a point of a cell, given by its four barycentric coordinates. Fibres have no sign: the frames
-// of the four vertices are aligned first, then interpolated, then made orthonormal again (f first, s next, n
-// = f x s). Zero vectors in a non-conductive cell.
+// The frame at a point of a cell, given by its four barycentric coordinates. Between vertices the wall's axes
+// are interpolated, as rotations, and the angles, as numbers, and the frame is turned out of them there: a
+// cell may span a whole wall, from +90 to -90 degrees, and has circumferential fibres in its middle. (An
+// average of the fibres as lines goes the shorter way round, which is the wrong one as soon as a cell spans
+// more than 90 degrees.) Axes have no sign: of the four that have the same lines, those nearest to the axes
+// of one vertex of the cell are taken. Orthonormal, continuous in the cell. Where no angles are known, the
+// frames themselves are interpolated as rotations. Zero vectors in a non-conductive cell.
 Frame frame_at(const FibreField& field, const TetMesh& mesh, int cell,
                const std::array<double, 4>& barycentric);
 
@@ -137,6 +148,18 @@ struct FibreCheck {
   bool good() const;
 };
 FibreCheck check_fibres(const TetMesh& mesh, const FibreField& field);
+
+// Fibres of a file are lines. Where they turn through the wall by 60 degrees or more from one cell to its
+// neighbour, the other way round is 120 degrees or less, and nothing tells which of the two it is: their
+// average at a vertex, half-way, may lie at a right angle to the tissue's fibres.
+struct AmbiguousTurns {
+  std::size_t cells = 0;  // that have such a neighbour
+  int first = -1;
+  static constexpr double from_deg = 60;
+};
+AmbiguousTurns ambiguous_turns(const TetMesh& mesh, const FibreField& field);
+// What to say of them: how many, where, what to do.
+std::string turns_text(const TetMesh& mesh, const AmbiguousTurns& turns);
 
 // Mean helix angles away from apex and base (between 20 and 80 % of the height of the myocardium).
 struct HelixRow {

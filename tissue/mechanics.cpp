@@ -686,6 +686,15 @@ std::vector<std::array<double, 4>> Mechanics::cell_deformation() const {
   return all;
 }
 
+void Mechanics::require_meaningful(const Balance& balance) const {
+  if (balance.smallest_J >= smallest_meaningful_J) return;
+  throw NumericalFailure(fmt::format(
+      "unphysical: tissue is squeezed to J = {:.3g} of its volume in {}; below {:g} not even its dry matter "
+      "has room, and the material law means nothing. Try a finer mesh, a larger bulk modulus (bulk_Pa), "
+      "quadratic displacements (mechanics.order = 2), or a smaller load or tension",
+      balance.smallest_J, place_of_cell(balance.worst_cell), smallest_meaningful_J));
+}
+
 std::string Mechanics::place_of_cell(int file_cell) const {
   const TetMesh& mesh = me_->partition.mesh();
   if (file_cell < 0) return "an unknown cell";

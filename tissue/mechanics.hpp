@@ -69,6 +69,10 @@ struct CellTension {
   std::array<double, 4> tension{}, stiffness{};
 };
 
+// Four fifths of tissue are water, by mass. Whatever is pressed out of it, its dry matter stays, some 15 % of
+// the volume: a state with a smaller volume ratio is one of the law's formula, not of tissue.
+inline constexpr double smallest_meaningful_J = 0.15;
+
 struct Balance {
   double residual = 0;  // Euclidean norm, N
   bool finite = true;
@@ -116,6 +120,10 @@ class Mechanics {
 
   // |F f0|^2, |F s0|^2, |F n0|^2 and J of each local cell (its centroid), at displacement().
   std::vector<std::array<double, 4>> cell_deformation() const;
+
+  // Throws NumericalFailure, with the cell, where an accepted state has a smaller volume ratio than tissue can
+  // have.
+  void require_meaningful(const Balance& balance) const;
 
   // "cell 1234 (volume tag 1) at (x, y, z) mm"
   std::string place_of_cell(int file_cell) const;

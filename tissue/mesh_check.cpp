@@ -311,7 +311,7 @@ class Check {
          "they must be insulated from each other: put a layer of cells with tag 5 (annuli) between them");
   }
 
-  // Two elements across a wall are the least for a difference between its sides.
+  // Linear displacements have one strain in an element: with one across, the wall's two sides have the same.
   void thickness() {
     std::vector<std::set<int>> sides(mesh_.points.size());
     for (std::size_t f = 0; f < mesh_.facets.size(); ++f) {
@@ -341,7 +341,9 @@ class Check {
            fmt::format(
                "{} cells of the myocardium ({:.2g} %) reach through the wall with one edge, the first at {}",
                static_cast<long>(thin), 100 * r_.thin_share, place_text(place)),
-           "a wall needs at least two elements across; make a finer mesh");
+           "good enough for a draft, as fibres turn within cells; a finer mesh for what differs across the "
+           "wall, "
+           "and for volumes to a few per cent (docs/tissue.md)");
   }
 
   const TetMesh& mesh_;

@@ -99,6 +99,7 @@ struct TissueWall::Implementation {
   void set_up(std::shared_ptr<const TetMesh> unloaded) {
     mesh = std::move(unloaded);
     collectively(communicator, [&] { fibres = make_fibres(plan, *mesh); });
+    say_of_fibres(plan, *mesh, fibres, fmt::format("walls.{}", name), communicator);
     partition = std::make_unique<Partition>(mesh, communicator);
     monodomain = std::make_unique<Monodomain>(*partition, &fibres, plan.electrophysiology, ionic,
                                               plan.stimuli, image.get());
@@ -221,6 +222,7 @@ struct TissueWall::Implementation {
     EquilibriumReport report;
     try {
       reach_volumes(*mechanics, wanted_m3, p, statics, report);
+      mechanics->require_meaningful(mechanics->assemble(p, false));
     } catch (const NumericalFailure& failure) {
       throw NumericalFailure(fmt::format("walls.{}: {}", name, failure.what()));
     }
@@ -439,6 +441,7 @@ void TissueWall::update(const double*, double share) {
 
 void TissueWall::confirm_step() {
   auto& me = *me_;
+  me.mechanics->require_meaningful(me.balance);
   me.activation->require_in_range(me.vertex_stretch());
 }
 

@@ -113,6 +113,31 @@ TEST_CASE("a body alone: passive filling is monotone and as the pressure says", 
   CHECK(active["cavities"]["LV"]["pressure_mmHg"].get<double>() > 20);
 }
 
+namespace {
+
+const std::vector<std::string> contraction = {
+    "body.reference.recover=false", "body.load.active_tension_kPa=80", "body.load.LV.pressure_mmHg=90"};
+
+Scene contracting(std::vector<std::string> more) {
+  more.insert(more.begin(), contraction.begin(), contraction.end());
+  return scene(passive, more);
+}
+
+}  // namespace
+
+TEST_CASE("a body alone: one element across the wall contracts as two do") {
+  const auto coarse = run(contracting({"body.size_mm=10"})), fine = run(contracting({"body.size_mm=5"}));
+  const double volume = coarse["cavities"]["LV"]["volume_mL"];
+  CHECK(volume < 0.6 * coarse["cavities"]["LV"]["unloaded_volume_mL"].get<double>());
+  CHECK(volume == Approx(fine["cavities"]["LV"]["volume_mL"].get<double>()).epsilon(0.06));
+}
+
+TEST_CASE("a body alone: tissue squeezed beyond what it can be is no result", "[ranks]") {
+  CHECK_THROWS_WITH(run(contracting({"body.materials.ventricles.bulk_Pa=2e4"})),
+                    Contains("unphysical") && Contains("squeezed to J = 0.") && Contains("in tetrahedron") &&
+                        Contains("bulk_Pa") && Contains("% of the load"));
+}
+
 TEST_CASE("a body alone: electrophysiology without any mechanics") {
   const char* const text = R"(
 [cells.ventricles]

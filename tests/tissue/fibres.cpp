@@ -9,6 +9,7 @@
 #include <functional>
 #include <map>
 #include <numbers>
+#include <random>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
 #include <wiggers/tissue/fibres.hpp>
@@ -313,22 +314,174 @@ TEST_CASE("refining the mesh changes the mean angle by less than 3 degrees") {
                    mean_helix_angle(shell(), shell_fibres(), lowest, highest)) < 3);
 }
 
-TEST_CASE("frames inside a cell do not cancel when signs differ") {
+TEST_CASE("a cell across the whole wall has in its middle the fibres of the middle") {
+  const TetMesh mesh = ellipsoid(1, 14, 24);
+  for (const auto kind : {FibreRuleKind::bayer, FibreRuleKind::doste})
+    for (const double most : {44.0, 46.0, 60.0, 90.0}) {
+      std::array<double, 16> angles = defaults_of(fibre_quantities);
+      angles[0] = most;
+      angles[1] = -most;
+      const FibreField field = rule_based_fibres(mesh, fibre_rule(kind, angles));
+      int n = 0;
+      for (int c = 0; c < static_cast<int>(mesh.cells.size()); ++c)
+        for (std::size_t i = 0; i < 4; ++i)
+          for (std::size_t k = 0; k < 4; ++k) {
+            const auto& cell = mesh.cells[static_cast<std::size_t>(c)];
+            const auto in = static_cast<std::size_t>(cell[i]), out = static_cast<std::size_t>(cell[k]);
+            if (field.transmural[in] != 1 || field.transmural[out] != 0) continue;
+            for (const double depth : {0.25, 0.5, 0.75}) {
+              std::array<double, 4> at{};
+              at[i] = depth;
+              at[k] = 1 - depth;
+              const Point3 p = depth * mesh.points[in] + (1 - depth) * mesh.points[out];
+              if (!away_from_apex_and_base(p)) continue;
+              const double angle =
+                  helix_angle_deg(frame_at(field, mesh, c, at)[0], outward_of_ellipsoid(p), {0, 0, 1});
+              INFO("+-" << most << " at depth " << depth);
+              REQUIRE(angle == Approx(most * (2 * depth - 1)).margin(6));
+              ++n;
+            }
+          }
+      REQUIRE(n > 1000);
+    }
+}
+
+namespace {
+
+// Degrees between two lines.
+double between_lines(const Point3& a, const Point3& b) {
+  return std::asin(std::min(1.0, norm(cross(a, b)))) * 180 / std::numbers::pi;
+}
+
+std::array<double, 4> random_place(std::mt19937& random) {
+  std::exponential_distribution<double> share;
+  std::array<double, 4> at;
+  double sum = 0;
+  for (double& x : at) sum += x = share(random);
+  for (double& x : at) x /= sum;
+  return at;
+}
+
+// In random cells, the ones at the apex and between the ventricles among them: orthonormal at random places,
+// without a jump on the way between two of them, and at the vertices the frames there.
+void check_cells(const TetMesh& mesh, const FibreField& field, int n_cells) {
+  std::mt19937 random(7);
+  std::uniform_int_distribution<int> any(0, static_cast<int>(mesh.cells.size()) - 1);
+  constexpr int n_steps = 200;
+  double off = 0, jump = 0, at_vertices = 0;
+  for (int n = 0; n < n_cells; ++n) {
+    const int c = any(random);
+    if (!mesh_tags::conductive(mesh.cell_tags[static_cast<std::size_t>(c)])) continue;
+    const auto from = random_place(random), to = random_place(random);
+    Frame before = frame_at(field, mesh, c, from);
+    for (int k = 1; k <= n_steps; ++k) {
+      std::array<double, 4> at;
+      for (std::size_t i = 0; i < 4; ++i) at[i] = from[i] + (to[i] - from[i]) * k / n_steps;
+      const Frame here = frame_at(field, mesh, c, at);
+      for (std::size_t i = 0; i < 3; ++i) {
+        for (std::size_t j = 0; j < 3; ++j) off = std::max(off, std::abs(dot(here[i], here[j]) - (i == j)));
+        jump = std::max(jump, between_lines(before[i], here[i]));
+        REQUIRE(dot(before[i], here[i]) > 0);  // nor does a sign change within the cell
+      }
+      off = std::max(off, norm(cross(here[0], here[1]) - here[2]));
+      before = here;
+    }
+    for (std::size_t i = 0; i < 4; ++i) {
+      std::array<double, 4> at{};
+      at[i] = 1;
+      const Frame here = frame_at(field, mesh, c, at);
+      const auto v = static_cast<std::size_t>(mesh.cells[static_cast<std::size_t>(c)][i]);
+      for (std::size_t k = 0; k < 3; ++k)
+        at_vertices = std::max(at_vertices, between_lines(here[k], field.frames[v][k]));
+    }
+  }
+  CHECK(off < 1e-12);
+  CHECK(jump < 5);
+  CHECK(at_vertices < 1e-5);
+}
+
+}  // namespace
+
+TEST_CASE("frames are orthonormal and continuous in every cell") {
+  std::array<double, 16> steep = defaults_of(fibre_quantities);
+  steep[0] = 90;
+  steep[1] = -90;
+  const TetMesh single = ellipsoid(1, 10, 16), wells = two_wells();
+  for (const auto kind : {FibreRuleKind::bayer, FibreRuleKind::doste})
+    for (const auto& angles : {defaults_of(fibre_quantities), steep}) {
+      check_cells(single, rule_based_fibres(single, fibre_rule(kind, angles)), 500);
+      check_cells(wells, rule_based_fibres(wells, fibre_rule(kind, angles)), 2000);
+    }
+  // Lines alone.
+  FibreField lines = rule_based_fibres(wells);
+  lines.alpha_deg.clear();
+  lines.axes = lines.frames;
+  check_cells(wells, lines, 1000);
+}
+
+TEST_CASE("the signs of axes and of lines do not matter") {
   const TetMesh& mesh = shell();
-  FibreField field = shell_fibres();
-  for (std::size_t v = 0; v < field.frames.size(); v += 2) {
-    field.frames[v][0] = -1.0 * field.frames[v][0];
-    field.frames[v][2] = -1.0 * field.frames[v][2];
+  FibreField turned = shell_fibres(), lines = shell_fibres();
+  lines.alpha_deg.clear();
+  FibreField other = lines;
+  // Half a turn round each of the three directions in turn: the same lines, from other angles.
+  for (std::size_t v = 0; v < turned.frames.size(); ++v) {
+    const std::size_t kept = v % 4;
+    for (std::size_t k = 0; k < 3 && kept < 3; ++k)
+      if (k != kept) {
+        turned.axes[v][k] = -1.0 * turned.axes[v][k];
+        other.frames[v][k] = -1.0 * other.frames[v][k];
+      }
+    if (kept == 0 || kept == 1) turned.alpha_deg[v] *= -1;
+    if (kept == 1 || kept == 2) turned.beta_deg[v] *= -1;
   }
-  for (int c = 0; c < static_cast<int>(mesh.cells.size()); c += 17) {
-    const std::array<double, 4> middle = {0.25, 0.25, 0.25, 0.25};
-    const Frame a = frame_at(shell_fibres(), mesh, c, middle), b = frame_at(field, mesh, c, middle);
-    REQUIRE(std::abs(dot(a[0], b[0])) == Approx(1).epsilon(1e-12));
-    REQUIRE(dot(cross(b[0], b[1]), b[2]) == Approx(1).epsilon(1e-12));
-    const Frame corner = frame_at(field, mesh, c, {1, 0, 0, 0});
-    const auto first = static_cast<std::size_t>(mesh.cells[static_cast<std::size_t>(c)][0]);
-    REQUIRE(norm(corner[0] - field.frames[first][0]) < 1e-12);
-  }
+  const std::array<double, 4> place = {0.4, 0.3, 0.2, 0.1};
+  for (int c = 0; c < static_cast<int>(mesh.cells.size()); c += 17)
+    for (const auto& [one, two] :
+         {std::pair(&shell_fibres(), &turned), std::pair<const FibreField*, FibreField*>(&lines, &other)}) {
+      const Frame a = frame_at(*one, mesh, c, place), b = frame_at(*two, mesh, c, place);
+      for (std::size_t k = 0; k < 3; ++k) REQUIRE(std::abs(dot(a[k], b[k])) == Approx(1).epsilon(1e-9));
+      REQUIRE(dot(cross(b[0], b[1]), b[2]) == Approx(1).epsilon(1e-12));
+    }
+}
+
+TEST_CASE("fibres of a file that turn too far from cell to cell are told, with the place") {
+  const auto as_from_file = [](TetMesh mesh, const FibreField& rule) {
+    mesh.cell_frames.clear();
+    for (int c = 0; c < static_cast<int>(mesh.cells.size()); ++c)
+      mesh.cell_frames.push_back(frame_at(rule, mesh, c, {0.25, 0.25, 0.25, 0.25}));
+    return mesh;
+  };
+  // Resolved by six cells across: nothing is said, at the apex neither.
+  const TetMesh fine = as_from_file(shell(), shell_fibres());
+  CHECK(ambiguous_turns(fine, fibres_from_cells(fine)).cells == 0);
+  CHECK(ambiguous_turns(shell(), shell_fibres()).cells == 0);  // angles are known
+  // Two layers of one direction each: 100 degrees apart is 80 the other way round, 50 is no question.
+  const TetMesh two = ellipsoid(2, 14, 24);
+  const auto layers = [&](double angle) {
+    std::array<double, 16> angles = defaults_of(fibre_quantities);
+    angles[0] = angles[1] = angle;
+    const FibreField inner = rule_based_fibres(two, fibre_rule(FibreRuleKind::bayer, angles));
+    angles[0] = angles[1] = -angle;
+    const FibreField outer = rule_based_fibres(two, fibre_rule(FibreRuleKind::bayer, angles));
+    TetMesh inside = as_from_file(two, inner), outside = as_from_file(two, outer);
+    for (std::size_t c = 0; c < two.cells.size(); ++c) {
+      double depth = 0;
+      for (int v : two.cells[c]) depth += 0.25 * inner.transmural[static_cast<std::size_t>(v)];
+      if (depth < 0.45) inside.cell_frames[c] = outside.cell_frames[c];
+    }
+    return inside;
+  };
+  const TetMesh torn = layers(50), whole = layers(25);
+  const AmbiguousTurns turns = ambiguous_turns(torn, fibres_from_cells(torn));
+  CHECK(turns.cells > torn.cells.size() / 5);
+  CHECK(ambiguous_turns(whole, fibres_from_cells(whole)).cells == 0);
+  CHECK_THAT(turns_text(torn, turns), Catch::Contains("in " + std::to_string(turns.cells) + " of ") &&
+                                          Catch::Contains(" mm") && Catch::Contains("Remedy"));
+  // Straight fibres in a round wall are no turn.
+  TetMesh straight = two;
+  straight.cell_frames.assign(two.cells.size(), Frame{{{0, 1, 0}, {0, 0, 1}, {1, 0, 0}}});
+  CHECK(ambiguous_turns(straight, fibres_from_cells(straight)).cells == 0);
 }
 
 TEST_CASE("fibres a mesh file brings are used in its cells") {

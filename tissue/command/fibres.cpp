@@ -83,6 +83,9 @@ void run(const Options& o) {
         check.vertices_missing));
   write_fibres(o.output, mesh, field);
   fmt::print("\nwritten: {}\n", o.output);
+  // Written all the same: the picture shows where.
+  if (const AmbiguousTurns turns = ambiguous_turns(mesh, field); turns.cells > 0)
+    throw NumericalFailure("fibres: " + turns_text(mesh, turns));
 }
 
 }  // namespace
