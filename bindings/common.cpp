@@ -186,12 +186,7 @@ void bind_common(py::module_& m) {
   py::class_<LimitCycleCertificate>(m, "Certificate", "How close to the limit cycle a search ended.")
       .def(py::init([](const std::string& verdict, double distance, double residual, double multiplier,
                        int beats) {
-             LimitCycleCertificate c{LimitCycleVerdict::running, distance, residual, multiplier, beats};
-             for (auto v :
-                  {LimitCycleVerdict::running, LimitCycleVerdict::period_1, LimitCycleVerdict::period_2,
-                   LimitCycleVerdict::drifting, LimitCycleVerdict::not_converged})
-               if (to_string(v) == verdict) c.verdict = v;
-             return c;
+             return LimitCycleCertificate{limit_cycle_verdict(verdict), distance, residual, multiplier, beats};
            }),
            py::arg("verdict"), py::arg("distance"), py::arg("residual"), py::arg("multiplier"),
            py::arg("beats"))

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/fixed_step.hpp>
+#include <wiggers/core/progress.hpp>
 #include <wiggers/core/root.hpp>
 
 namespace wiggers {
@@ -124,9 +125,11 @@ class LoopBeat {
     T t(0.0);
     ValveStates open = states_at(t, y);
     on_step(t, y, open);
+    unsigned steps = 0;
     for (const T& end : ends) {
       int events = 0;
       for (bool reached = false; !reached;) {
+        if ((++steps & 63) == 0) check_interrupt();
         T h = next_step(T(end - t), dt_);
         reached = value_of(h) >= value_of(end) - value_of(t);
         T next[n_circulation_states], middle[n_circulation_states];

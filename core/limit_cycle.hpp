@@ -5,11 +5,14 @@
 // its invariants, the distance to the cycle is about r / (1 - lambda): for slow cells hundreds of times r.
 #pragma once
 
+#include <array>
 #include <string>
 #include <string_view>
 #include <vector>
 
 namespace wiggers {
+
+class SavedNumbers;
 
 enum class LimitCycleMethod { anderson, newton, kinsol, pacing };
 // Refuses an unknown name with the nearest.
@@ -29,6 +32,13 @@ struct LimitCycleSettings {
 // along one line without slowing down. not_converged: none of these within the beats allowed.
 enum class LimitCycleVerdict { running, period_1, period_2, drifting, not_converged };
 std::string to_string(LimitCycleVerdict verdict);
+inline constexpr std::array limit_cycle_verdicts = {
+    LimitCycleVerdict::running, LimitCycleVerdict::period_1, LimitCycleVerdict::period_2,
+    LimitCycleVerdict::drifting, LimitCycleVerdict::not_converged};
+// The verdict with this text; refuses others with the nearest.
+LimitCycleVerdict limit_cycle_verdict(std::string_view name);
+// The verdict with this number in a saved state.
+LimitCycleVerdict take_verdict(SavedNumbers& in);
 
 // A search that its map's noise ends farther from the cycle than this has not found it.
 inline constexpr double largest_noisy_distance = 1e-4;
@@ -63,7 +73,8 @@ class LimitCycleSearch {
 
   // Everything that the next beats depend on, as plain numbers.
   std::vector<double> save() const;
-  void restore(const std::vector<double>& saved);
+  // Refuses what no search over states of this size has saved.
+  void restore(SavedNumbers saved);
 
  private:
   struct Pair {

@@ -6,8 +6,10 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <string_view>
+#include <wiggers/core/files.hpp>
 #include <wiggers/heart/tissue_kind.hpp>
 
 #include "application.hpp"
@@ -20,6 +22,12 @@ void hand_over(char** argv) {
   const auto self = std::filesystem::read_symlink("/proc/self/exe", none);
   if (none) return;
   const auto other = self.parent_path() / "wiggers-3d";
+  if (wiggers::special_file_was_read()) {
+    std::fprintf(stderr,
+                 "wiggers: bad input: this scene needs wiggers-3d, which cannot read a pipe once more: write the "
+                 "scene to a file\n");
+    std::exit(2);
+  }
   std::fflush(nullptr);
   execv(other.c_str(), argv);
 }

@@ -45,14 +45,13 @@ def is_body(result_path):
         return "body" in file
 
 
-def report_body(result_path, folder):
-    """Writes the pictures and the page into an existing folder. Returns the page, the pictures and what was left out."""
+def report_body(result_path, answer):
+    """Adds the pictures and the page to the answer. Returns the page, the pictures and what was left out."""
     result = BodyResult(result_path)
     kind = MechanicsBody if result.physics == "mechanics" else ElectrophysiologyBody
     body = kind(result, "body")
-    pictures = make_pictures(body, body.makers(), folder)
-    page = folder / "index.html"
-    write_document(page, result, body.page_parts(pictures))
+    pictures = make_pictures(body, body.makers(), answer)
+    page = write_document(answer, result, body.page_parts(pictures))
     return page, list(pictures.values()), body.trouble
 
 
