@@ -187,6 +187,9 @@ void bind_cell(py::module_& m) {
           py::arg("start"), py::arg("beats"), py::arg("sample_ms"), py::arg("integrator"), py::arg("rtol"),
           py::arg("atol"), py::arg("progress"))
       .def(
+          "require_state", [](const CellModelOfPython& cell, const Array& state) { cell.state(state); },
+          py::arg("state"), "Refuses what is no state of this cell.")
+      .def(
           "indexes",
           [](const CellModelOfPython& cell, const Array& start) {
             std::vector<std::pair<std::string, double>> list;

@@ -227,6 +227,9 @@ void bind_loop(py::module_& m) {
           },
           py::arg("start"), py::arg("beats"), py::arg("sample_s"), py::arg("progress"))
       .def(
+          "require_state", [](const LoopModel& model, const Array& state) { model.start_from(&state); },
+          py::arg("state"), "Refuses what is no state of this loop.")
+      .def(
           "indexes",
           [](const LoopModel& model, const Array& start) {
             const CirculationValues state = model.start_from(&start);

@@ -33,7 +33,7 @@ namespace {
 
 constexpr std::string_view partial_ending = ".partial";
 constexpr std::size_t most_bytes_of_a_pipe = std::size_t{1} << 28;
-constexpr auto longest_wait_for_a_writer = std::chrono::seconds(10);
+constexpr auto longest_wait_for_a_writer = std::chrono::seconds(5);
 constexpr time_t old_enough_to_be_left_over_s = 60;
 constexpr int most_links = 40;
 
@@ -441,6 +441,19 @@ std::string read_special(const fs::path& path) {
   }
 }
 
+std::string read_regular(const fs::path& path) {
+  const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (file.number < 0) refuse_reading(path, errno);
+  std::string text, part(1 << 16, '\0');
+  while (true) {
+    const ssize_t n = ::read(file.number, part.data(), part.size());
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) refuse_reading(path, errno);
+    if (n == 0) return text;
+    text.append(part, 0, static_cast<std::size_t>(n));
+  }
+}
+
 }  // namespace
 
 std::string read_file(const fs::path& path) {
@@ -459,19 +472,10 @@ std::string read_file(const fs::path& path) {
     return r.special.emplace(name, std::move(text)).first->second;
   }
   note_input(path);
-  const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  if (file.number < 0) refuse_reading(path, errno);
-  std::string text;
-  text.reserve(static_cast<std::size_t>(facts.st_size) + 1);
-  std::string part(1 << 16, '\0');
-  while (true) {
-    const ssize_t n = ::read(file.number, part.data(), part.size());
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) refuse_reading(path, errno);
-    if (n == 0) return text;
-    text.append(part, 0, static_cast<std::size_t>(n));
-  }
+  return read_regular(path);
 }
+
+std::string read_own_file(const fs::path& path) { return read_regular(path); }
 
 bool special_file_was_read() {
   Registry& r = registry();

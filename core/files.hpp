@@ -37,6 +37,8 @@ void allow_going_on_in(const std::filesystem::path& result);
 // The content of an input. A pipe or device is read once, later calls get the same text; one without end, or
 // without a writer, is refused. A missing file is refused with the nearest name in its folder.
 std::string read_file(const std::filesystem::path& path);
+// The content of a file that this process goes on writing: no input.
+std::string read_own_file(const std::filesystem::path& path);
 // Whether a pipe or device was read: another program could not read it again.
 bool special_file_was_read();
 

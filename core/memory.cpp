@@ -1,4 +1,5 @@
 #include <fmt/format.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -19,6 +20,11 @@ double available_memory() {
   if (std::ifstream("/sys/fs/cgroup/memory.max") >> limit &&
       std::ifstream("/sys/fs/cgroup/memory.current") >> used)
     bytes = std::min(bytes, std::max(0.0, limit - used));
+  rlimit own{};
+  long pages = 0;
+  if (::getrlimit(RLIMIT_AS, &own) == 0 && own.rlim_cur != RLIM_INFINITY && std::ifstream("/proc/self/statm") >> pages)
+    bytes = std::min(bytes, std::max(0.0, static_cast<double>(own.rlim_cur) -
+                                              static_cast<double>(pages) * static_cast<double>(sysconf(_SC_PAGESIZE))));
   return bytes;
 }
 

@@ -5,7 +5,7 @@
 
 namespace wiggers {
 
-// Bytes that could be taken now: of the machine, or of this process's control group.
+// Bytes that could be taken now: of the machine, of this process's control group or within its own limit.
 double available_memory();
 
 // Refuses rows of columns of numbers that would fill more than a quarter of the available memory (for their

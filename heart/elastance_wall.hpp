@@ -31,8 +31,12 @@ class ElastanceWallOf final : public WallOf<T> {
   void accept_step() override {}
   void reject_step() override {}
   void move_to(const T*) override {}
-  void save(std::vector<T>&) const override {}
-  void restore(std::span<const T>&) override {}
+  // The activation of the last step is the first row of the next beat.
+  void save(std::vector<T>& out) const override { out.insert(out.end(), {elastance_, T(activation_)}); }
+  void restore(std::span<const T>& in) override {
+    elastance_ = take_saved(in);
+    activation_ = value_of(take_saved(in));
+  }
 
   std::vector<WallOutput> outputs() const override {
     return {{"activation", "1", "activation of the elastance, 0 to 1"}};

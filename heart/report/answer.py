@@ -66,5 +66,5 @@ def answer_with(work, subject, folder, descriptor):
         else:  # h5py's own, of what stands in the file
             answer.give_up("refuse", f"'{subject}' cannot be read: {error}")
     except Exception as error:  # the work trusts the file: what it trips over stands there
-        what = f"there is no {error}" if isinstance(error, KeyError) else f"{type(error).__name__}: {error}"
+        what = f"there is no {error.args[0]}" if isinstance(error, KeyError) and error.args else f"{type(error).__name__}: {error}"
         answer.give_up("refuse", f"'{subject}' is damaged or of another version: {what}")
