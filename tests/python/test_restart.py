@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import COMMAND, SCENES
-from killing import KILLS, kill_until, same_results
+from killing import KILLS, crc64, kill_until, reseal, same_results
 
 # Small steps make the run long enough to be killed; checkpoints after every beat.
 SETTINGS = ["--set", "solver.dt_s=1e-4", "--set", "run.checkpoint_every_s=0"]
@@ -95,29 +95,8 @@ def test_killed_at_random_moments(tmp_path, scene, settings):
     assert kill_until(tmp_path, max(1, KILLS // 3), SCENES / f"{scene}.toml", words) > 0
 
 
-def crc64(data):
-    value = 2**64 - 1
-    for byte in data:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xC96C5795D7870F42 if value & 1 else 0)
-    return value ^ 2**64 - 1
-
-
 def test_the_checksums_are_crc64():
     assert crc64(b"123456789") == 0x995DC9BBDF1939FA
-
-
-def reseal(file, *changed):
-    """The checksums of entries that were changed on purpose: what then refuses them is their sense."""
-    lines = file["provenance/checksums"][()].decode().splitlines()[1:]
-    for name in changed:
-        data = file[name][()]
-        data = data if isinstance(data, bytes) else np.asarray(data, dtype="<f8").tobytes()
-        lines = [f"{crc64(data):016x} /{name}" if line.endswith(f" /{name}") else line for line in lines]
-    text = "".join(f"{line}\n" for line in lines)
-    del file["provenance/checksums"]
-    file["provenance/checksums"] = np.bytes_(f"{crc64(text.encode()):016x}\n{text}".encode())
 
 
 @pytest.fixture(scope="module")
