@@ -104,6 +104,8 @@ nightly: tissue
 	@for seed in 2 3 4; do for s in crn ttp06-epi rdq20 loop; do \
 	  $(BUILD)/wiggers extremes $$s --quiet --beats 1 --seed $$seed > $(BUILD)/extremes.log || { cat $(BUILD)/extremes.log; exit 1; }; done; done
 	@WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) WIGGERS_REFERENCE=none $(PYTHON) -m pytest -q -p no:cacheprovider tests/python/fuzz_scenes.py
+	@WIGGERS_KILLS=400 WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) PYTHONPATH=$(CURDIR)/$(BUILD)/python \
+	  $(PYTHON) -m pytest -q -p no:cacheprovider tests/python/test_restart.py tests/python/test_tissue_bodies.py -k "random_moments"
 	@$(BUILD)/test_heart "[.nightly]"
 	@$(BUILD)/test_tissue "[.nightly]"
 	@$(MAKE) --no-print-directory benchmarks-3d tissue-tables heartbeat-3d

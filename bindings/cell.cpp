@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <wiggers/cellmodels/cell_lanes.hpp>
 #include <wiggers/cellmodels/cell_study.hpp>
+#include <wiggers/core/memory.hpp>
 
 #include "common.hpp"
 
@@ -159,6 +160,10 @@ void bind_cell(py::module_& m) {
             table->add("stimulus_A_per_F", "A/F", "stimulus current");
             if (!(sample_ms >= 1e-4 && sample_ms <= cell.study.protocol.period_ms))
               throw InputError(fmt::format("sample_ms = {} is outside 1e-4 to the period", sample_ms));
+            require_memory(beats * cell.study.protocol.period_ms / sample_ms,
+                           static_cast<double>(table->columns.size()),
+                           fmt::format("{} beats with sample_ms = {}", beats, sample_ms),
+                           "Take a larger sample_ms or fewer beats.");
             PacedCell paced(*cell.study.model, cell.study.parameters, cell.study.protocol,
                             {integrator, rtol, atol, cell.study.dt_ms});
             {
@@ -181,6 +186,9 @@ void bind_cell(py::module_& m) {
           },
           py::arg("start"), py::arg("beats"), py::arg("sample_ms"), py::arg("integrator"), py::arg("rtol"),
           py::arg("atol"), py::arg("progress"))
+      .def(
+          "require_state", [](const CellModelOfPython& cell, const Array& state) { cell.state(state); },
+          py::arg("state"), "Refuses what is no state of this cell.")
       .def(
           "indexes",
           [](const CellModelOfPython& cell, const Array& start) {

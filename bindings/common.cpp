@@ -242,7 +242,9 @@ void bind_common(py::module_& m) {
       .def(py::init([](const std::string& verdict, double distance, double residual, double multiplier,
                        int beats, const std::string& reason) {
              const auto [v, period] = limit_cycle_verdict(verdict);
-             return LimitCycleCertificate{v, distance, residual, multiplier, beats, period, reason};
+             LimitCycleCertificate c{v, distance, residual, multiplier, beats, period};
+             c.reason = reason;
+             return c;
            }),
            py::arg("verdict"), py::arg("distance"), py::arg("residual"), py::arg("multiplier"),
            py::arg("beats"), py::arg("reason") = "")
@@ -252,9 +254,10 @@ void bind_common(py::module_& m) {
           },
           [](const py::tuple& t) {
             const auto [verdict, period] = limit_cycle_verdict(t[0].cast<std::string>());
-            return LimitCycleCertificate{
-                verdict, t[1].cast<double>(),     t[2].cast<double>(), t[3].cast<double>(), t[4].cast<int>(),
-                period,  t[5].cast<std::string>()};
+            LimitCycleCertificate c{verdict,           t[1].cast<double>(), t[2].cast<double>(),
+                                    t[3].cast<double>(), t[4].cast<int>(),    period};
+            c.reason = t[5].cast<std::string>();
+            return c;
           }))
       .def("__eq__", &equal_states, py::is_operator())
       .def_property_readonly("verdict", [](const LimitCycleCertificate& c) { return c.text(); })

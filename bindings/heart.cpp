@@ -111,6 +111,15 @@ void bind_heart(py::module_& m) {
           },
           py::arg("near"))
       .def(
+          "require_state",
+          [](HeartOfPython& heart, const Array& state) {
+            HeartOfPython::Turn study(heart);
+            const HeartState given = state_of(state);
+            py::gil_scoped_release unlock;
+            study->check_size(given);
+          },
+          py::arg("state"), "Refuses what is no state of this heart.")
+      .def(
           "run",
           [](HeartOfPython& heart, const Array& start, int beats, const ProgressCall& progress) {
             HeartOfPython::Turn study(heart);

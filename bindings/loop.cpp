@@ -4,6 +4,7 @@
 #include <cmath>
 #include <wiggers/circulation/loop_beat.hpp>
 #include <wiggers/core/settings.hpp>
+#include <wiggers/core/memory.hpp>
 #include <wiggers/heart/loop_study.hpp>
 
 #include "common.hpp"
@@ -213,6 +214,9 @@ void bind_loop(py::module_& m) {
               throw InputError(fmt::format("sample_s = {} s is outside 1e-7 to the period, {} s", sample_s,
                                            model.loop.period_s));
             auto table = std::make_shared<Table>(circulation_table());
+            require_memory(beats * model.loop.period_s / sample_s, static_cast<double>(table->columns.size()),
+                           fmt::format("{} beats with sample_s = {}", beats, sample_s),
+                           "Take a larger sample_s or fewer beats.");
             const LoopSolver solver(model.loop, model.integrator);
             {
               py::gil_scoped_release unlock;
@@ -226,6 +230,9 @@ void bind_loop(py::module_& m) {
             return py::make_tuple(table, owned({state.begin(), state.end()}));
           },
           py::arg("start"), py::arg("beats"), py::arg("sample_s"), py::arg("progress"))
+      .def(
+          "require_state", [](const LoopModel& model, const Array& state) { model.start_from(&state); },
+          py::arg("state"), "Refuses what is no state of this loop.")
       .def(
           "indexes",
           [](const LoopModel& model, const Array& start) {

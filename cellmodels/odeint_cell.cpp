@@ -1,6 +1,7 @@
 #include <wiggers/cellmodels/adaptive_integrators.hpp>
 #include <wiggers/cellmodels/odeint_steppers.hpp>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/progress.hpp>
 
 namespace wiggers {
 
@@ -17,7 +18,7 @@ class OdeintCell final : public AdaptiveIntegrator {
     problem_.relative = relative;
     problem_.absolute = absolute;
     problem_.rates = [this](const double* y, double* dy) {
-      ++counts_.evaluations;
+      if ((++counts_.evaluations & 63) == 0) check_interrupt();
       equations_->evaluate(y, inputs_, dy, nullptr);
     };
     problem_.jacobian = [this](const double* y, double* columns) {

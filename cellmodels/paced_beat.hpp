@@ -12,6 +12,7 @@
 #include <vector>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/fixed_step.hpp>
+#include <wiggers/core/progress.hpp>
 #include <wiggers/core/root.hpp>
 
 namespace wiggers {
@@ -71,7 +72,9 @@ class PacedBeat {
     }
     const T stimulus[1] = {current};
     bool below = value_of(y[Model::membrane_potential]) < Model::branch_potential;
+    unsigned steps = 0;
     for (bool reached = false; !reached;) {
+      if ((++steps & 63) == 0) check_interrupt();
       const T h = next_step(T(end - t), dt_);
       reached = value_of(h) >= value_of(end) - value_of(t);
       T left = h;

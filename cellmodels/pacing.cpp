@@ -7,6 +7,7 @@
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/fixed_step.hpp>
 #include <wiggers/core/limit_cycle_solve.hpp>
+#include <wiggers/core/progress.hpp>
 
 namespace wiggers {
 
@@ -215,7 +216,10 @@ void PacedCell::beat_at(std::vector<double>& state, const std::vector<double>& t
     for (long k = 0; k < n_steps; ++k) {
       stepper->step(step, state.data(), inputs);
       // Cheap at this cadence, and it stops a diverging run before it overflows.
-      if ((k & 15) == 15) check_range(t + static_cast<double>(k + 1) * step, state.data());
+      if ((k & 15) == 15) {
+        check_range(t + static_cast<double>(k + 1) * step, state.data());
+        check_interrupt();
+      }
     }
     t = stop;
     check_range(t, state.data());

@@ -17,6 +17,7 @@
 #include <wiggers/core/adaptive.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/evaluation.hpp>
+#include <wiggers/core/progress.hpp>
 
 namespace wiggers {
 
@@ -43,7 +44,9 @@ class Rosenbrock4 final : public AdaptiveIntegrator {
     State f0{}, before{}, f_before{};
     if constexpr (has_branch) choose_side(y[Model::membrane_potential] < Model::branch_potential);
     differentiate(y, inputs, f0);
+    unsigned steps = 0;
     while (t < span) {
+      if ((++steps & 63) == 0) check_interrupt();
       if (h_ <= 0) h_ = first_step(y, f0, span);
       double h = std::min(h_, span - t);
       if (span - t - h < 0.1 * h) h = span - t;  // no crumb at the end

@@ -9,6 +9,8 @@
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/limit_cycle_solve.hpp>
+#include <wiggers/core/memory.hpp>
+#include <wiggers/core/progress.hpp>
 
 namespace wiggers {
 
@@ -118,6 +120,8 @@ void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table, P
   std::set<double> stops(breaks_.begin(), breaks_.end());
   std::set<double> samples;
   if (table) {
+    require_memory(period / sample_s, static_cast<double>(table->columns.size()),
+                   fmt::format("a row every {} s over {} s", sample_s, period), "Take fewer rows.");
     const auto n = static_cast<long>(std::floor(period / sample_s * (1 + 1e-12)));
     for (long k = 0; k <= n; ++k) {
       double t = std::min(period, static_cast<double>(k) * sample_s);
@@ -194,6 +198,7 @@ void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table, P
     const auto n = static_cast<long>(std::ceil((stop - t) / integrator_.dt_s * (1 - 1e-12)));
     const double h = (stop - t) / static_cast<double>(n);
     for (long step = 0; step < n; ++step) {
+      if ((step & 63) == 63) check_interrupt();
       loop_rates<double>(loop_, t + static_cast<double>(step) * h, state.data(), k1.data());
       for (int i = 0; i < n_circulation_states; ++i) state[i] += h * k1[i];
       if (sense) watch(t + static_cast<double>(step + 1) * h, state.data());

@@ -15,6 +15,7 @@
 #include <wiggers/circulation/stiffness.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/fixed_step.hpp>
+#include <wiggers/core/progress.hpp>
 #include <wiggers/core/root.hpp>
 
 namespace wiggers {
@@ -134,11 +135,13 @@ class LoopBeat {
     T t(0.0), p[n_chambers];
     ValveStates open = states_at(t, y, p);
     on_step(t, y, p, open);
+    unsigned steps = 0;
     for (const T& end : ends) {
       int events = 0;
       ValveStates bounded = open;
       double longest = longest_step(value_of(t), value_of(end), open);
       for (bool reached = false; !reached;) {
+        if ((++steps & 63) == 0) check_interrupt();
         if (open != bounded) longest = longest_step(value_of(t), value_of(end), bounded = open);
         T h = next_step(T(end - t), longest);
         reached = value_of(h) >= value_of(end) - value_of(t);

@@ -10,6 +10,7 @@
 #include <wiggers/core/carried_exception.hpp>
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/progress.hpp>
 
 namespace wiggers {
 
@@ -61,6 +62,7 @@ struct Cvode::Implementation {
   double t = 0;
   double start_time = 0;
   CarriedException carried;
+  unsigned evaluations = 0;
   N_Vector* directions = nullptr;
   AdaptiveCounts before_restart;
 
@@ -91,6 +93,7 @@ struct Cvode::Implementation {
   static int derivative(double t, N_Vector y, N_Vector dy, void* user) {
     auto* self = static_cast<Implementation*>(user);
     return self->carried.guard([&] {
+      if ((++self->evaluations & 63) == 0) check_interrupt();
       double* out = N_VGetArrayPointer(dy);
       self->system.derivative(t, N_VGetArrayPointer(y), out);
       for (std::size_t i = 0; i < self->system.size; ++i)

@@ -33,13 +33,46 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
   return d[a.size()][b.size()];
 }
 
+// Longer names than this are no slips of known ones, and comparing them would take long.
+constexpr std::size_t longest_name = 200;
+// Of a message, and of an unbroken word in it.
+constexpr std::size_t longest_message = 4000, longest_word = 400;
+
+// The text with its middle left out.
+std::string cut(const std::string& text, std::size_t wanted) {
+  if (text.size() <= wanted) return text;
+  std::size_t head = wanted * 3 / 4, tail = text.size() - wanted / 4;
+  // Not within a character of UTF-8.
+  const auto within = [&](std::size_t at) { return (static_cast<unsigned char>(text[at]) & 0xC0) == 0x80; };
+  while (head > 0 && within(head)) --head;
+  while (tail < text.size() && within(tail)) ++tail;
+  return fmt::format("{}[... {} characters ...]{}", text.substr(0, head), tail - head, text.substr(tail));
+}
+
 }  // namespace
 
+std::string presentable(std::string message) {
+  for (char& c : message) {
+    const auto code = static_cast<unsigned char>(c);
+    if ((code < 0x20 && c != '\n' && c != '\t') || code == 0x7F) c = '?';
+  }
+  std::string out;
+  for (std::size_t begin = 0; begin < message.size();) {
+    const std::size_t end = std::min(message.find_first_of(" \n\t", begin), message.size());
+    out += cut(message.substr(begin, end - begin), longest_word);
+    if (end < message.size()) out += message[end];
+    begin = end + 1;
+  }
+  return cut(out, longest_message);
+}
+
 std::string nearest_name(std::string_view name, std::span<const std::string> candidates) {
+  if (name.size() > longest_name) return {};
   const std::string wanted = lower_case(name);
   std::string best;
   std::size_t best_distance = std::max<std::size_t>(2, (name.size() + 1) / 2) + 1;
   for (const std::string& candidate : candidates) {
+    if (candidate.size() > longest_name) continue;
     const std::string present = lower_case(candidate);
     std::size_t distance = edit_distance(wanted, present);
     // A key without its unit ("activation" for "activation_ms") is as near as one slip of a key.

@@ -2,26 +2,32 @@
 //   InputError        the user asked for something impossible; refused before any work (exit status 2)
 //   NumericalFailure  a computation broke down; says what, where, and what to try (exit status 1)
 //   ResourceError     the machine refused: a file cannot be read or written, the disk is full (exit status 1)
-// Programmer errors are assertions.
+// Programmer errors are assertions. Messages quote what stands in files: each is kept to a bounded length and
+// to printable characters when it is made.
 #pragma once
 
 #include <span>
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 #include <wiggers/core/quantity.hpp>
 
 namespace wiggers {
 
+// What is left of a message for people: long quotations are cut in their middle, control characters shown as
+// '?'.
+std::string presentable(std::string message);
+
 struct InputError : std::runtime_error {
-  using std::runtime_error::runtime_error;
+  explicit InputError(std::string message) : std::runtime_error(presentable(std::move(message))) {}
 };
 struct NumericalFailure : std::runtime_error {
-  using std::runtime_error::runtime_error;
+  explicit NumericalFailure(std::string message) : std::runtime_error(presentable(std::move(message))) {}
 };
 struct ResourceError : std::runtime_error {
-  using std::runtime_error::runtime_error;
+  explicit ResourceError(std::string message) : std::runtime_error(presentable(std::move(message))) {}
 };
 // The user pressed Ctrl-C (or the process was asked to end); the last good state has been saved.
 struct Interrupted : std::runtime_error {

@@ -1,112 +1,486 @@
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/file.h>
+#include <sys/random.h>
+#include <sys/stat.h>
+#include <sys/vfs.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
+#include <chrono>
+#include <cstdint>
+#include <cstdio>
 #include <cstring>
-#include <fstream>
-#include <sstream>
+#include <ctime>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <utility>
+#include <vector>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
+#include <wiggers/core/progress.hpp>
 
 namespace wiggers {
 
 namespace fs = std::filesystem;
 
 namespace {
+
+constexpr std::string_view partial_ending = ".partial";
+constexpr std::size_t most_bytes_of_a_pipe = std::size_t{1} << 28;
+constexpr auto longest_wait_for_a_writer = std::chrono::seconds(5);
+constexpr time_t old_enough_to_be_left_over_s = 60;
+constexpr int most_links = 40;
+
+// A file descriptor that closes itself.
+struct Descriptor {
+  int number = -1;
+  explicit Descriptor(int n) : number(n) {}
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  ~Descriptor() {
+    if (number >= 0) ::close(number);
+  }
+};
+
 fs::path folder_of(const fs::path& path) {
   return path.has_parent_path() ? path.parent_path() : fs::path(".");
 }
 
-// The neighbour that a file is written to before it is renamed into place.
-std::string partial_name(const fs::path& path) {
-  return fmt::format("{}.{}.partial", path.string(), getpid());
+// The real folder of a path, or nothing where there is none.
+std::string real_folder(const fs::path& path) {
+  std::error_code failed;
+  const fs::path folder = fs::canonical(folder_of(path), failed);
+  return failed ? std::string() : folder.string();
 }
+
+bool is_in_proc(const std::string& folder) {
+  constexpr long proc_magic = 0x9fa0;
+  struct statfs facts {};
+  return !folder.empty() && ::statfs(folder.c_str(), &facts) == 0 && facts.f_type == proc_magic;
+}
+
+// Follows links one by one to the file that is to be written, which need not exist. Stops at what must not be
+// replaced: entries of /dev and of the list of open files, themselves links perhaps.
+struct Target {
+  fs::path path;
+  bool special = false;
+  std::string trouble;  // why it cannot be a target
+};
+Target target_of(const fs::path& named) {
+  Target target{named, false, {}};
+  for (int links = 0; links < most_links; ++links) {
+    struct stat facts {};
+    if (::lstat(target.path.c_str(), &facts) != 0) return target;
+    const std::string folder = real_folder(target.path);
+    if (!S_ISDIR(facts.st_mode) && (folder == "/dev" || is_in_proc(folder))) {
+      target.special = true;
+      return target;
+    }
+    if (!S_ISLNK(facts.st_mode)) {
+      target.special = !S_ISREG(facts.st_mode) && !S_ISDIR(facts.st_mode);
+      return target;
+    }
+    // As the kernel does where its own protection is on: others' links in a folder for all are not followed.
+    struct stat around {};
+    if (::stat(folder_of(target.path).c_str(), &around) == 0 && (around.st_mode & S_ISVTX) &&
+        (around.st_mode & S_IWOTH) && facts.st_uid != ::geteuid() && facts.st_uid != around.st_uid) {
+      target.trouble = "it is another user's link in a folder that all may write to";
+      return target;
+    }
+    std::error_code failed;
+    const fs::path next = fs::read_symlink(target.path, failed);
+    if (failed) {
+      target.trouble = failed.message();
+      return target;
+    }
+    target.path = next.is_absolute() ? next : folder_of(target.path) / next;
+  }
+  target.trouble = "too many links lead to one another";
+  return target;
+}
+
+std::string random_word() {
+  std::uint64_t bits = 0;
+  for (std::size_t got = 0; got < sizeof bits;) {
+    const ssize_t n = ::getrandom(reinterpret_cast<char*>(&bits) + got, sizeof bits - got, 0);
+    if (n > 0) got += static_cast<std::size_t>(n);
+    if (n < 0 && errno != EINTR) throw ResourceError("the system gives no random numbers");
+  }
+  return fmt::format("{:016x}", bits);
+}
+
+// NAME.PROCESS-RANDOM.partial
+std::string partial_name(const fs::path& target) {
+  return fmt::format("{}.{}-{}{}", target.string(), ::getpid(), random_word(), partial_ending);
+}
+
+// Creates the neighbour that is to replace `target`; on failure errno says why.
+int create_partial(const std::string& name, mode_t mode) {
+  const int file = ::open(name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, mode);
+  if (file >= 0) (void)::flock(file, LOCK_EX | LOCK_NB);  // as long as it is locked, it is being written
+  return file;
+}
+
+// The process that wrote a partial neighbour of the target called `name`; nothing for other files.
+std::optional<pid_t> writer_of(std::string_view file, std::string_view name) {
+  if (!file.starts_with(name) || !file.ends_with(partial_ending)) return {};
+  file.remove_prefix(name.size());
+  if (file.size() <= partial_ending.size()) return {};
+  file.remove_suffix(partial_ending.size());
+  const auto all = [](std::string_view text, const char* allowed) {
+    return !text.empty() && text.find_first_not_of(allowed) == std::string_view::npos;
+  };
+  const std::size_t dash = file.find('-');
+  if (dash == std::string_view::npos || file.front() != '.') return {};
+  const std::string_view process = file.substr(1, dash - 1), word = file.substr(dash + 1);
+  if (!all(process, "0123456789") || process.size() > 9 || word.size() != 16 || !all(word, "0123456789abcdef"))
+    return {};
+  return static_cast<pid_t>(std::stol(std::string(process)));
+}
+
+// ---- inputs and outputs of this process ----
+
+struct Output {
+  fs::path path;
+  std::string option;
+  bool folder = false;
+  bool gone_on_in = false;
+};
+struct Registry {
+  std::mutex mutex;
+  std::vector<fs::path> inputs;
+  std::vector<Output> outputs;
+  std::map<std::string, std::string> special;  // what came out of pipes and devices
+};
+Registry& registry() {
+  static Registry one;
+  return one;
+}
+
+fs::path whole_path(const fs::path& path) {
+  std::error_code failed;
+  const fs::path whole = fs::weakly_canonical(fs::absolute(path, failed), failed);
+  return failed ? path : whole;
+}
+
+// The same file, by name or through links of any kind.
+bool same_file(const fs::path& a, const fs::path& b) {
+  std::error_code none;
+  return a == b || fs::equivalent(a, b, none);
+}
+
+bool is_within(const fs::path& file, const fs::path& folder) {
+  const auto end = std::mismatch(folder.begin(), folder.end(), file.begin(), file.end()).first;
+  if (end == folder.end()) return true;
+  // A second name of the file may stand in the folder.
+  std::error_code none;
+  if (fs::hard_link_count(file, none) < 2 || none) return false;
+  for (const auto& entry : fs::directory_iterator(folder, none))
+    if (same_file(entry.path(), file)) return true;
+  return false;
+}
+
+bool touches(const Output& output, const fs::path& input) {
+  return output.folder ? is_within(input, output.path) : same_file(output.path, input);
+}
+
+[[noreturn]] void refuse_touching(const Output& output, const fs::path& input) {
+  if (output.folder)
+    throw InputError(fmt::format("{}: files in '{}' will be replaced, and '{}' there is an input of this "
+                                 "command; name another file",
+                                 output.option, output.path.string(), input.string()));
+  throw InputError(fmt::format("{}: '{}' is an input of this command; name another file", output.option,
+                               output.path.string()));
+}
+
+void record_output(const fs::path& path, std::string_view option, bool folder) {
+  Registry& r = registry();
+  const Output now{whole_path(path), std::string(option), folder, false};
+  const std::lock_guard lock(r.mutex);
+  for (const Output& other : r.outputs) {
+    if (other.folder || folder || !same_file(other.path, now.path)) continue;
+    if (other.option == now.option || other.gone_on_in) return;
+    throw InputError(fmt::format("{}: '{}' is the file of {} already; name another file", option,
+                                 path.string(), other.option));
+  }
+  for (const fs::path& input : r.inputs)
+    if (touches(now, input)) refuse_touching(now, input);
+  r.outputs.push_back(now);
+}
+
+bool is_input(const fs::path& path) {
+  Registry& r = registry();
+  const std::lock_guard lock(r.mutex);
+  return std::any_of(r.inputs.begin(), r.inputs.end(),
+                     [&](const fs::path& input) { return same_file(input, path); });
+}
+
+// What killed runs left beside the target goes.
+void remove_leftovers(const fs::path& target) {
+  const std::string name = target.filename().string();
+  std::error_code failed;
+  std::vector<fs::path> left;
+  for (fs::directory_iterator entry(folder_of(target), failed), end; !failed && entry != end;
+       entry.increment(failed)) {
+    const auto writer = writer_of(entry->path().filename().string(), name);
+    if (!writer) continue;
+    const Descriptor file(
+        ::open(entry->path().c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC));
+    struct stat facts {};
+    if (file.number < 0 || ::fstat(file.number, &facts) != 0 || !S_ISREG(facts.st_mode)) continue;
+    if (::flock(file.number, LOCK_EX | LOCK_NB) != 0) continue;
+    const bool gone = ::kill(*writer, 0) != 0 && errno == ESRCH;
+    if (gone || ::time(nullptr) - facts.st_mtime > old_enough_to_be_left_over_s) left.push_back(entry->path());
+  }
+  for (const fs::path& path : left)
+    if (!is_input(path)) ::unlink(path.c_str());
+}
+
+// ---- writing ----
+
+[[noreturn]] void fail(std::string_view what, const fs::path& path, int code, bool kept) {
+  throw ResourceError(fmt::format("cannot {} '{}': {}.{}{}", what, path.string(), std::strerror(code),
+                                  code == ENOSPC || code == EFBIG || code == EDQUOT ? " Free some space." : "",
+                                  kept ? " The earlier file was kept." : ""));
+}
+
+// Returns errno, 0 for success.
+int write_all(int file, std::string_view bytes) {
+  while (!bytes.empty()) {
+    const ssize_t n = ::write(file, bytes.data(), bytes.size());
+    if (n >= 0) {
+      bytes.remove_prefix(static_cast<std::size_t>(n));
+    } else if (errno == EAGAIN) {
+      pollfd wait{file, POLLOUT, 0};
+      (void)::poll(&wait, 1, 100);
+      check_interrupt();
+    } else if (errno != EINTR) {
+      return errno;
+    }
+  }
+  return 0;
+}
+
+// The number of a file that this process has open, named as /dev/fd/N, /dev/stdout or /proc/self/fd/N.
+std::optional<int> own_descriptor(const fs::path& path) {
+  fs::path named = path;
+  std::error_code failed;
+  if (real_folder(path) == "/dev") {
+    if (!fs::is_symlink(path, failed)) return {};
+    named = fs::path("/dev") / fs::read_symlink(path, failed);
+  }
+  const std::string folder = real_folder(named), name = named.filename().string();
+  if (folder != fmt::format("/proc/{}/fd", ::getpid()) || name.empty() || name.size() > 6 ||
+      name.find_first_not_of("0123456789") != std::string::npos)
+    return {};
+  return std::stoi(name);
+}
+
+void write_through(const fs::path& path, std::string_view bytes) {
+  // An open file is written where it stands, not from its beginning.
+  int number = -1;
+  if (const auto own = own_descriptor(path)) {
+    std::fflush(nullptr);
+    number = ::fcntl(*own, F_DUPFD_CLOEXEC, 0);
+  } else {
+    struct stat facts {};
+    const bool pipe = ::stat(path.c_str(), &facts) == 0 && S_ISFIFO(facts.st_mode);
+    const int flags = O_WRONLY | O_NOCTTY | O_CLOEXEC | (pipe ? O_NONBLOCK : 0);
+    // Until somebody reads from a pipe.
+    while ((number = ::open(path.c_str(), flags)) < 0 && (errno == EINTR || (pipe && errno == ENXIO))) {
+      check_interrupt();
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    }
+  }
+  const Descriptor file(number);
+  if (file.number < 0) fail("open", path, errno, false);
+  if (const int code = write_all(file.number, bytes)) fail("write", path, code, false);
+}
+
 }  // namespace
 
-bool is_special(const fs::path& path) {
-  std::error_code ignored;
-  const auto status = fs::status(path, ignored);
-  if (!fs::exists(status) || fs::is_directory(status)) return false;
-  // Links there lead to what the shell has opened, a file perhaps; the link itself must not be replaced.
-  const std::string folder = path.parent_path().string();
-  return !fs::is_regular_file(status) || folder == "/dev" || folder == "/dev/fd" || folder == "/proc/self/fd";
-}
+bool is_special(const fs::path& path) { return target_of(path).special; }
 
 void write_file_atomically(const fs::path& path, std::string_view bytes) {
-  const bool special = is_special(path);
-  const fs::path target = special ? path : fs::path(partial_name(path));
-  const auto fail = [&](std::string_view what) {
-    const int code = errno;
-    if (!special) ::unlink(target.c_str());
-    std::error_code ignored;
-    throw ResourceError(
-        fmt::format("cannot {} '{}': {}.{}{}", what, path.string(), std::strerror(code),
-                    code == ENOSPC || code == EFBIG || code == EDQUOT ? " Free some space." : "",
-                    fs::exists(path, ignored) ? " The earlier file was kept." : ""));
+  const Target target = target_of(path);
+  if (!target.trouble.empty())
+    throw ResourceError(fmt::format("cannot write '{}': {}", path.string(), target.trouble));
+  if (target.special) {
+    write_through(path, bytes);
+    return;
+  }
+  struct stat earlier {};
+  const bool exists = ::stat(target.path.c_str(), &earlier) == 0;
+  remove_leftovers(target.path);
+  const std::string partial = partial_name(target.path);
+  const mode_t mode = exists ? earlier.st_mode & 0777 : 0666;
+  Descriptor file(create_partial(partial, mode));
+  if (file.number < 0) fail("create", path, errno, exists);
+  const auto give_up = [&](std::string_view what, int code) {
+    ::unlink(partial.c_str());
+    fail(what, path, code, exists);
   };
-  const int file =
-      special ? ::open(target.c_str(), O_WRONLY) : ::open(target.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
-  if (file < 0) fail("create");
-  std::size_t written = 0;
-  while (written < bytes.size()) {
-    const ssize_t n = ::write(file, bytes.data() + written, bytes.size() - written);
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) {
-      const int code = errno;
-      ::close(file);
-      errno = code;
-      fail("write");
-    }
-    written += static_cast<std::size_t>(n);
+  if (exists) {
+    // An administrator's run leaves a user's file to the user, where the system allows it.
+    if (earlier.st_uid != ::geteuid() && ::fchown(file.number, earlier.st_uid, earlier.st_gid) != 0) errno = 0;
+    if (::fchmod(file.number, mode) != 0) give_up("set the mode of", errno);
   }
-  if (!special && ::fsync(file) != 0) {
-    const int code = errno;
-    ::close(file);
-    errno = code;
-    fail("flush");
+  try {
+    if (const int code = write_all(file.number, bytes)) give_up("write", code);
+  } catch (...) {
+    ::unlink(partial.c_str());
+    throw;
   }
-  if (::close(file) != 0) fail("close");
-  if (!special && ::rename(target.c_str(), path.c_str()) != 0) fail("replace");
+  if (::fsync(file.number) != 0 && errno != EINVAL) give_up("flush", errno);
+  // Some file systems report a failed write only here.
+  if (::close(std::exchange(file.number, -1)) != 0) give_up("close", errno);
+  if (::rename(partial.c_str(), target.path.c_str()) != 0) give_up("replace", errno);
+  // The new name is on the disk, too.
+  const Descriptor folder(::open(folder_of(target.path).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (folder.number >= 0) (void)::fsync(folder.number);
 }
 
 void require_writable(const fs::path& path, std::string_view option) {
-  if (is_special(path)) return;
-  const fs::path folder = folder_of(path);
+  const auto refuse = [&](std::string_view why) {
+    throw InputError(fmt::format("{}: '{}' cannot be written: {}", option, path.string(), why));
+  };
+  const Target target = target_of(path);
+  if (!target.trouble.empty()) refuse(target.trouble);
+  if (target.special) return;
   std::error_code ignored;
-  if (fs::is_directory(path, ignored))
+  if (path.filename().empty() || fs::is_directory(target.path, ignored))
     throw InputError(fmt::format("{}: '{}' is a folder; name a file", option, path.string()));
+  const fs::path folder = folder_of(target.path);
   if (!fs::is_directory(folder, ignored))
     throw InputError(fmt::format("{}: there is no folder '{}'", option, folder.string()));
+  record_output(target.path, option, false);
+  if (fs::exists(target.path, ignored) && ::access(target.path.c_str(), W_OK) != 0)
+    refuse(std::strerror(errno));
   // Try it: names too long, read-only or virtual file systems show here and not after the work.
-  const std::string trial = partial_name(path);
-  const int file = ::open(trial.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
-  if (file >= 0) {
-    ::close(file);
-    ::unlink(trial.c_str());
-  } else {
-    throw InputError(
-        fmt::format("{}: '{}' cannot be written: {}", option, path.string(), std::strerror(errno)));
+  const std::string trial = partial_name(target.path);
+  const Descriptor file(create_partial(trial, 0600));
+  if (file.number < 0) refuse(std::strerror(errno));
+  ::unlink(trial.c_str());
+}
+
+void require_writable_folder(const fs::path& folder, std::string_view option) {
+  record_output(folder, option, true);
+}
+
+void note_input(const fs::path& path) {
+  std::error_code failed;
+  if (!fs::exists(path, failed) || is_special(path)) return;
+  const fs::path input = whole_path(path);
+  Registry& r = registry();
+  const std::lock_guard lock(r.mutex);
+  if (std::find(r.inputs.begin(), r.inputs.end(), input) != r.inputs.end()) return;
+  for (const Output& output : r.outputs)
+    if (!output.gone_on_in && touches(output, input)) refuse_touching(output, path);
+  r.inputs.push_back(input);
+}
+
+void allow_going_on_in(const fs::path& result) {
+  if (is_special(result)) return;
+  Registry& r = registry();
+  const std::lock_guard lock(r.mutex);
+  r.outputs.push_back({whole_path(result), "--resume", false, true});
+}
+
+// ---- reading ----
+
+namespace {
+
+[[noreturn]] void refuse_reading(const fs::path& path, int code) {
+  std::string nearest;
+  if (code == ENOENT) {
+    std::error_code failed;
+    std::vector<std::string> names;
+    for (fs::directory_iterator entry(folder_of(path), failed), end; !failed && entry != end;
+         entry.increment(failed))
+      if (names.size() < 10000 && !entry->is_directory(failed))
+        names.push_back(entry->path().filename().string());
+    nearest = nearest_name(path.filename().string(), names);
+    if (!nearest.empty() && path.has_parent_path()) nearest = (path.parent_path() / nearest).string();
+  }
+  throw InputError(fmt::format("cannot read '{}': {}{}", path.string(), std::strerror(code),
+                               nearest.empty() ? "" : fmt::format("; did you mean '{}'?", nearest)));
+}
+
+std::string read_special(const fs::path& path) {
+  const Descriptor file(::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC));
+  if (file.number < 0) refuse_reading(path, errno);
+  const auto begin = std::chrono::steady_clock::now();
+  std::string text, part(1 << 16, '\0');
+  bool seen_writer = false;
+  while (true) {
+    check_interrupt();
+    pollfd wait{file.number, POLLIN, 0};
+    if (::poll(&wait, 1, 100) <= 0) {
+      struct stat facts {};
+      const bool pipe = ::fstat(file.number, &facts) == 0 && S_ISFIFO(facts.st_mode);
+      if (pipe && !seen_writer && std::chrono::steady_clock::now() - begin > longest_wait_for_a_writer)
+        throw InputError(fmt::format("'{}' is a pipe, and nothing was written to it in {} s", path.string(),
+                                     longest_wait_for_a_writer.count()));
+      continue;
+    }
+    const ssize_t n = ::read(file.number, part.data(), part.size());
+    if (n < 0 && (errno == EINTR || errno == EAGAIN)) continue;
+    if (n < 0) refuse_reading(path, errno);
+    if (n == 0) return text;
+    seen_writer = true;
+    text.append(part, 0, static_cast<std::size_t>(n));
+    if (text.size() > most_bytes_of_a_pipe)
+      throw InputError(fmt::format("'{}' does not end within {} MB: it is no input", path.string(),
+                                   most_bytes_of_a_pipe >> 20));
   }
 }
 
-void refuse_overwriting(const fs::path& output, std::string_view option, const fs::path& input) {
-  std::error_code ignored;
-  if (!output.empty() && !input.empty() && !is_special(output) &&
-      (output == input || fs::equivalent(output, input, ignored)))
-    throw InputError(
-        fmt::format("{}: '{}' is an input of this command; name another file", option, output.string()));
+std::string read_regular(const fs::path& path) {
+  const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (file.number < 0) refuse_reading(path, errno);
+  std::string text, part(1 << 16, '\0');
+  while (true) {
+    const ssize_t n = ::read(file.number, part.data(), part.size());
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) refuse_reading(path, errno);
+    if (n == 0) return text;
+    text.append(part, 0, static_cast<std::size_t>(n));
+  }
 }
 
+}  // namespace
+
 std::string read_file(const fs::path& path) {
-  std::error_code ignored;
-  if (fs::is_directory(path, ignored))
-    throw InputError(fmt::format("'{}' is a folder; name a file", path.string()));
-  std::ifstream file(path, std::ios::binary);
-  if (!file) throw InputError(fmt::format("cannot read '{}': {}", path.string(), std::strerror(errno)));
-  std::ostringstream text;
-  text << file.rdbuf();
-  return text.str();
+  struct stat facts {};
+  if (::stat(path.c_str(), &facts) != 0) refuse_reading(path, errno);
+  if (S_ISDIR(facts.st_mode)) throw InputError(fmt::format("'{}' is a folder; name a file", path.string()));
+  if (!S_ISREG(facts.st_mode)) {
+    Registry& r = registry();
+    const std::string name = fmt::format("{} {} {}", fs::absolute(path).string(), facts.st_dev, facts.st_ino);
+    {
+      const std::lock_guard lock(r.mutex);
+      if (const auto known = r.special.find(name); known != r.special.end()) return known->second;
+    }
+    std::string text = read_special(path);
+    const std::lock_guard lock(r.mutex);
+    return r.special.emplace(name, std::move(text)).first->second;
+  }
+  note_input(path);
+  return read_regular(path);
+}
+
+std::string read_own_file(const fs::path& path) { return read_regular(path); }
+
+bool special_file_was_read() {
+  Registry& r = registry();
+  const std::lock_guard lock(r.mutex);
+  return !r.special.empty();
 }
 
 }  // namespace wiggers

@@ -10,6 +10,7 @@
 #include <wiggers/core/carried_exception.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/ida.hpp>
+#include <wiggers/core/progress.hpp>
 
 namespace wiggers {
 
@@ -26,6 +27,7 @@ struct Ida::Implementation {
   double t = 0;
   long steps_before = 0;
   CarriedException carried;
+  unsigned evaluations = 0;
 
   ~Implementation() {
     if (memory) IDAFree(&memory);
@@ -50,6 +52,7 @@ struct Ida::Implementation {
   static int residual(double t, N_Vector y, N_Vector dy, N_Vector r, void* user) {
     auto* self = static_cast<Implementation*>(user);
     return self->carried.guard([&] {
+      if ((++self->evaluations & 15) == 0) check_interrupt();
       double* out = N_VGetArrayPointer(r);
       self->system.residual(t, N_VGetArrayPointer(y), N_VGetArrayPointer(dy), out);
       for (std::size_t i = 0; i < self->system.size; ++i)

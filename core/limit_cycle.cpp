@@ -1,10 +1,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 #include <wiggers/core/dense.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/limit_cycle.hpp>
+#include <wiggers/core/saved_numbers.hpp>
 
 namespace wiggers {
 
@@ -64,16 +67,36 @@ std::string to_string(LimitCycleVerdict verdict, int period) {
   return "not-converged";
 }
 
+namespace {
+constexpr std::array plain_verdicts = {LimitCycleVerdict::running, LimitCycleVerdict::period_1,
+                                       LimitCycleVerdict::drifting, LimitCycleVerdict::not_converged,
+                                       LimitCycleVerdict::unphysical};
+}
+
 std::pair<LimitCycleVerdict, int> limit_cycle_verdict(std::string_view text) {
-  for (auto verdict : {LimitCycleVerdict::running, LimitCycleVerdict::period_1, LimitCycleVerdict::drifting,
-                       LimitCycleVerdict::not_converged, LimitCycleVerdict::unphysical})
-    if (to_string(verdict) == text) return {verdict, 1};
-  std::vector<std::string> known = {"running", "period-1", "drifting", "not-converged", "unphysical"};
+  std::vector<std::string> known;
+  for (const LimitCycleVerdict verdict : plain_verdicts) {
+    known.push_back(to_string(verdict));
+    if (known.back() == text) return {verdict, 1};
+  }
   for (int n = 2; n <= longest_cycle_beats; ++n) {
     known.push_back(to_string(LimitCycleVerdict::period_n, n));
     if (known.back() == text) return {LimitCycleVerdict::period_n, n};
   }
-  refuse_unknown("verdict", text, known);
+  refuse_unknown("verdict of a limit-cycle search", text, known);
+}
+
+double saved_verdict(const LimitCycleCertificate& c) {
+  const auto plain = std::find(plain_verdicts.begin(), plain_verdicts.end(), c.verdict);
+  return plain == plain_verdicts.end() ? static_cast<double>(plain_verdicts.size()) + c.period
+                                       : static_cast<double>(plain - plain_verdicts.begin());
+}
+
+void take_verdict(SavedNumbers& in, LimitCycleCertificate& c) {
+  const long n = static_cast<long>(plain_verdicts.size());
+  const long number = in.count(n + longest_cycle_beats);
+  c.verdict = number < n ? plain_verdicts[static_cast<std::size_t>(number)] : LimitCycleVerdict::period_n;
+  c.period = number < n ? 1 : static_cast<int>(number - n);
 }
 
 std::string limit_cycle_failure(const LimitCycleCertificate& c) {
@@ -256,19 +279,10 @@ void put(std::vector<double>& out, const std::vector<double>& values) {
   out.push_back(static_cast<double>(values.size()));
   out.insert(out.end(), values.begin(), values.end());
 }
-std::vector<double> take(const std::vector<double>& in, std::size_t& at) {
-  const double stored = in.at(at++);
-  if (!(stored >= 0 && stored <= static_cast<double>(in.size() - at)))
-    throw InputError("the saved limit-cycle search is damaged");
-  const auto size = static_cast<std::size_t>(stored);
-  std::vector<double> values(in.begin() + at, in.begin() + at + size);
-  at += size;
-  return values;
-}
 }  // namespace
 
 std::vector<double> LimitCycleSearch::save() const {
-  std::vector<double> out = {static_cast<double>(certificate_.verdict),
+  std::vector<double> out = {saved_verdict(certificate_),
                              certificate_.distance,
                              certificate_.residual,
                              certificate_.multiplier,
@@ -289,29 +303,40 @@ std::vector<double> LimitCycleSearch::save() const {
   return out;
 }
 
-void LimitCycleSearch::restore(const std::vector<double>& saved) {
-  certificate_.verdict = static_cast<LimitCycleVerdict>(static_cast<int>(saved.at(0)));
-  certificate_.distance = saved.at(1);
-  certificate_.residual = saved.at(2);
-  certificate_.multiplier = saved.at(3);
-  certificate_.beats = static_cast<int>(saved.at(4));
-  best_residual_ = saved.at(5);
-  accelerated_ = saved.at(6) != 0;
-  plain_left_ = static_cast<int>(saved.at(7));
-  relaxing_ = static_cast<int>(saved.at(8));
-  jumped_ = saved.at(9) != 0;
-  reach_ = saved.at(10);
-  const auto n_pairs = static_cast<std::size_t>(saved.at(11));
-  std::size_t at = 12;
+void LimitCycleSearch::restore(SavedNumbers saved) {
+  constexpr long most = std::numeric_limits<int>::max();
+  const std::size_t n = scales_.size();
+  const auto take = [&](bool may_be_empty) {
+    const long size = saved.count(static_cast<long>(n));
+    if (size != static_cast<long>(n) && !(may_be_empty && size == 0))
+      saved.refuse(fmt::format("a state of {} numbers, {} are wanted", size, n));
+    return saved.numbers(static_cast<std::size_t>(size));
+  };
+  LimitCycleCertificate c;
+  take_verdict(saved, c);
+  c.distance = saved.not_negative();
+  c.residual = saved.not_negative();
+  c.multiplier = saved.not_negative();
+  c.beats = static_cast<int>(saved.count(most));
+  best_residual_ = saved.not_negative();
+  accelerated_ = saved.flag();
+  plain_left_ = static_cast<int>(saved.count(most));
+  relaxing_ = static_cast<int>(saved.count(most));
+  jumped_ = saved.flag();
+  reach_ = saved.not_negative();
+  const long n_pairs = saved.count(settings_.depth + 1);
   history_.clear();
-  for (std::size_t k = 0; k < n_pairs; ++k) {
+  for (long k = 0; k < n_pairs; ++k) {
     Pair pair;
-    pair.x = take(saved, at);
-    pair.f = take(saved, at);
+    pair.x = take(false);
+    pair.f = take(false);
     history_.push_back(std::move(pair));
   }
-  best_.x = take(saved, at);
-  best_.f = take(saved, at);
+  best_.x = take(true);
+  best_.f = take(true);
+  if (best_.x.size() != best_.f.size()) saved.refuse("the best state and its change differ in length");
+  saved.finish();
+  certificate_ = c;
 }
 
 }  // namespace wiggers

@@ -5,12 +5,15 @@
 // its invariants, the distance to the cycle is about r / (1 - lambda): for slow cells hundreds of times r.
 #pragma once
 
+#include <array>
 #include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
 
 namespace wiggers {
+
+class SavedNumbers;
 
 enum class LimitCycleMethod { anderson, newton, kinsol, pacing };
 // Refuses an unknown name with the nearest.
@@ -40,7 +43,7 @@ inline constexpr int longest_cycle_beats = 8;  // of period_n
 
 // Words of a certificate: "period-1", "period-3", "unphysical", ...; the period counts for period_n only.
 std::string to_string(LimitCycleVerdict verdict, int period = 2);
-// The reverse, with the period; refuses other words.
+// The reverse, with the period; refuses other words with the nearest.
 std::pair<LimitCycleVerdict, int> limit_cycle_verdict(std::string_view text);
 
 // A search that its map's noise ends farther from the cycle than this has not found it.
@@ -59,6 +62,10 @@ struct LimitCycleCertificate {
   bool good() const { return verdict == LimitCycleVerdict::period_1; }
   std::string text() const { return to_string(verdict, period); }
 };
+
+// The verdict as a number of a saved state.
+double saved_verdict(const LimitCycleCertificate& certificate);
+void take_verdict(SavedNumbers& in, LimitCycleCertificate& certificate);
 
 // Why a search ended without a cycle of one beat, what was seen, and what to try.
 std::string limit_cycle_failure(const LimitCycleCertificate& certificate);
@@ -92,7 +99,8 @@ class LimitCycleSearch {
 
   // Everything that the next beats depend on, as plain numbers.
   std::vector<double> save() const;
-  void restore(const std::vector<double>& saved);
+  // Refuses what no search over states of this size has saved.
+  void restore(SavedNumbers saved);
 
  private:
   struct Pair {

@@ -12,6 +12,8 @@ namespace wiggers {
 namespace {
 volatile std::sig_atomic_t stop_requested = 0;
 void request_stop(int) { stop_requested = 1; }
+// Other threads never have one.
+thread_local void (*host_poll)() = nullptr;
 
 std::string duration(double seconds) {
   if (seconds < 90) return fmt::format("{:.0f} s", seconds);
@@ -32,7 +34,16 @@ bool interrupt_requested() { return stop_requested != 0; }
 
 void check_interrupt() {
   if (interrupt_requested()) throw Interrupted("stopped on request");
+  if (!host_poll) return;
+  using Clock = std::chrono::steady_clock;
+  static thread_local Clock::time_point next{};
+  const auto now = Clock::now();
+  if (now < next) return;
+  next = now + std::chrono::milliseconds(100);
+  host_poll();
 }
+
+void set_interrupt_poll(void (*poll)()) { host_poll = poll; }
 
 Progress::Progress(std::string task, Style style)
     : task_(std::move(task)),

@@ -31,10 +31,14 @@ class Progress {
   Clock::time_point last_shown_;
 };
 
-// Makes Ctrl-C and SIGTERM request a stop instead of ending the process at once.
+// Makes Ctrl-C and SIGTERM request a stop instead of ending the process at once. Only commands do so; nothing
+// below stops a host that the library is part of.
 void catch_interrupts();
 bool interrupt_requested();
-// Throws Interrupted if a stop was requested.
+// Throws Interrupted if a stop was requested. Cheap: long work calls it at every step.
 void check_interrupt();
+// A host with signals of its own: check_interrupt() calls it now and then, on the thread that set it alone.
+// What it throws ends the work.
+void set_interrupt_poll(void (*poll)());
 
 }  // namespace wiggers

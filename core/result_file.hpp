@@ -1,7 +1,10 @@
 // The result file: one HDF5 file, always whole.
 //
 // The file is assembled in memory and written in one go by write_file_atomically: a kill at any moment leaves
-// the previous complete state. Datasets carry `unit` and `meaning` attributes.
+// the previous complete state. Datasets carry `unit` and `meaning` attributes. /provenance/checksums lists a
+// checksum of every entry, and one of the list.
+//
+// What is read is believed in nothing: kind, rank and length of an entry are looked at before its content.
 #pragma once
 
 #include <cstdint>
@@ -43,9 +46,17 @@ class ResultReader {
   ResultReader& operator=(const ResultReader&) = delete;
 
   bool has(const std::string& path) const;
+  // One row of numbers; `finite` refuses others, `n` another length.
   std::vector<double> dataset(const std::string& path) const;
+  std::vector<double> finite(const std::string& path) const;
+  std::vector<double> finite(const std::string& path, std::size_t n) const;
   double scalar(const std::string& path) const;
   std::string text(const std::string& path) const;
+  // "FILE: ENTRY", for messages.
+  std::string place(const std::string& path) const;
+
+  // Refuses a file without checksums, or of which an entry is not as it was written, by name.
+  void verify() const;
 
  private:
   struct Implementation;

@@ -92,7 +92,7 @@ void IonicCellSource::save(std::vector<double>& out) const {
 
 void IonicCellSource::restore(std::span<const double>& in) {
   charge_ = take_saved(in);
-  step_ = static_cast<long>(take_saved(in));
+  step_ = take_saved_count(in, n_on_ + n_off_);
   calcium_before_ = take_saved(in);
   potential_before_ = take_saved(in);
   calcium_mM_ = take_saved(in);

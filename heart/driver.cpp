@@ -7,6 +7,8 @@
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/memory.hpp>
+#include <wiggers/core/progress.hpp>
 #include <wiggers/core/sensitivity.hpp>
 #include <wiggers/heart/driver.hpp>
 
@@ -357,7 +359,13 @@ PhysicalSense HeartDriverOf<T>::sense_of(const Table& trace) const {
 
 template <class T>
 BeatAudit HeartDriverOf<T>::beat(Table* table) {
-  if (table) table->clear_rows();
+  if (table) {
+    require_memory(static_cast<double>(n_steps_), static_cast<double>(table->columns.size()),
+                   fmt::format("a beat of {} s in steps of {} s", value_of(settings_.period_s),
+                               value_of(settings_.dt_s)),
+                   "Take a larger solver.dt_s.");
+    table->clear_rows();
+  }
   return beat_rows([&](const T& time) {
     if (table) record(*table, value_of(time));
   });
@@ -369,11 +377,27 @@ BeatAudit HeartDriverOf<T>::beat_rows(const std::function<void(const T&)>& on_ro
   const double volume = value_of(total_volume(circulation_, y_.data()));
   on_row(T(0.0));
   for (long n = 0; n < n_steps_; ++n) {
+    check_interrupt();
     step(static_cast<double>(n) * settings_.dt_s, audit);
     on_row(static_cast<double>(n + 1) * settings_.dt_s);
   }
   audit.blood_volume_change_mL = value_of(total_volume(circulation_, y_.data())) - volume;
   return audit;
+}
+
+// Rows of a beat: of very short steps every n-th, so that a beat does not fill the memory.
+template <class T>
+long HeartDriverOf<T>::steps_per_row() const {
+  const long least = (n_steps_ + most_rows_per_beat - 1) / most_rows_per_beat;
+  for (long n = least; n <= 10 * least; ++n)
+    if (n_steps_ % n == 0) return n;
+  return least;
+}
+
+template <class T>
+long HeartDriverOf<T>::rows_after(long steps) const {
+  const long n = steps_per_row();
+  return 1 + steps / n + (steps == n_steps_ && steps % n != 0 ? 1 : 0);
 }
 
 template <class T>
@@ -389,7 +413,8 @@ template <class T>
 bool HeartDriverOf<T>::step_beat(BeatUnderWay& beat) {
   step(static_cast<double>(beat.steps) * settings_.dt_s, beat.audit);
   ++beat.steps;
-  record(beat.trace, static_cast<double>(beat.steps) * value_of(settings_.dt_s));
+  if (beat.steps % steps_per_row() == 0 || beat.steps == n_steps_)
+    record(beat.trace, static_cast<double>(beat.steps) * value_of(settings_.dt_s));
   beat.audit.blood_volume_change_mL = value_of(total_volume(circulation_, y_.data())) - beat.blood_volume_mL;
   return beat.steps == n_steps_;
 }

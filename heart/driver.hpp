@@ -82,9 +82,12 @@ class HeartDriverOf {
   // One beat; on_row(t) at the start and after every step.
   BeatAudit beat_rows(const std::function<void(const T&)>& on_row);
 
-  // The same step by step: begin, then step until it says that the beat is done.
+  // The same step by step: begin, then step until it says that the beat is done. Rows at every step, or at
+  // every n-th and the last where a beat would have more than most_rows_per_beat.
   BeatUnderWay begin_beat() const;
   bool step_beat(BeatUnderWay& beat);
+  static constexpr long most_rows_per_beat = 200'000;
+  long rows_after(long steps) const;
 
   // One step from time t within the beat. If Newton fails and a wall allows it, in halves.
   void step(const T& t, BeatAudit& audit);
@@ -102,6 +105,7 @@ class HeartDriverOf {
  private:
   void record(Table& trace, double t) const;
   std::vector<WallOutput> wall_outputs() const;
+  long steps_per_row() const;
   void tell_arterial_pressures();
   void wanted_volumes(const T* p, const T& dt, T* volumes, double* slopes) const;
   void step_over(const T& t, const T& dt, int halvings, BeatAudit& audit);

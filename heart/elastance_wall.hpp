@@ -31,10 +31,11 @@ class ElastanceWallOf final : public WallOf<T> {
   void accept_step() override {}
   void reject_step() override {}
   void move_to(const T*) override {}
-  void save(std::vector<T>&) const override {}
-  // Nothing is carried from step to step; what is shown until the next one is the start of a beat.
-  void restore(std::span<const T>&) override {
-    activation_ = value_of(elastance_activation(parameters_, T(0.0), period_));
+  // The activation of the last step is the first row of the next beat.
+  void save(std::vector<T>& out) const override { out.insert(out.end(), {elastance_, T(activation_)}); }
+  void restore(std::span<const T>& in) override {
+    elastance_ = take_saved(in);
+    activation_ = value_of(take_saved(in));
   }
 
   std::vector<WallOutput> outputs() const override {

@@ -66,6 +66,9 @@ class HeartStudy {
   Sensitivities sensitivities(const HeartState& on_cycle, const std::vector<std::string>& wanted = {},
                               const std::function<void(double)>& after_pass = {});
 
+  // Refuses a state of another number of values.
+  void check_size(const HeartState& state);
+
  private:
   template <class T>
   struct Numbers;
@@ -91,7 +94,6 @@ class HeartStudy {
   template <class T>
   CalciumOf<T> calcium(const Numbers<T>& numbers);
   HeartDriver& driver();
-  void check_size(const HeartState& state);
   FixedPointDerivatives cycle_derivatives(const std::vector<double>& state,
                                           const std::vector<std::size_t>& active,
                                           const std::function<void(double)>& after_pass);

@@ -35,6 +35,7 @@ void write_provenance(ResultWriter& file, const std::string& title, const std::s
 void require_same_scene(const ResultReader& file, const std::filesystem::path& path,
                         const std::string& scene_text) {
   const std::string saved = without_run_table(file.text("/provenance/scene"));
+  file.verify();
   const std::string now = without_run_table(scene_text);
   if (saved != now) {
     const auto difference = std::mismatch(saved.begin(), saved.end(), now.begin(), now.end());

@@ -7,6 +7,7 @@
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
 #include <wiggers/core/result_file.hpp>
+#include <wiggers/core/saved_numbers.hpp>
 #include <wiggers/core/stopwatch.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/elastance_wall.hpp>
@@ -34,7 +35,37 @@ std::string place_of(const std::string& name) {
   return "/circulation/" + name;
 }
 
+// Share of the blood that a saved state may miss: rounding over very many beats.
+constexpr double restored_volume_tolerance = 1e-6;
+
+// Refuses a saved state that no cell can have, or one with another charge than the scene's cells conserve.
+void require_possible_cell(const CellType& cell, const std::vector<double>& state, const std::string& place) {
+  const CellModel& model = *cell.ionic;
+  for (std::size_t i = 0; i < state.size(); ++i) {
+    Quantity wide = model.states[i];  // integrators may overshoot a bound by a little
+    const double slack = 1e-3 * (std::isfinite(wide.upper) ? std::max(1.0, std::abs(wide.upper)) : 1.0);
+    wide.lower -= slack;
+    wide.upper += slack;
+    check_range(wide, state[i], place);
+  }
+  const double* parameters = cell.ionic_parameters.data();
+  if (!model.keeps_invariant(parameters)) return;
+  const std::vector<double> published = model.default_state();
+  const double scene = model.invariant(published.data(), parameters);
+  const double saved = model.invariant(state.data(), parameters);
+  if (!(std::abs(saved - scene) <= 1e-6 * std::max(1.0, std::abs(scene))))
+    throw InputError(fmt::format("{} is damaged: its conserved charge is {:.6g} mV, the scene's cells have "
+                                 "{:.6g} mV",
+                                 place, saved, scene));
+}
+
 }  // namespace
+
+std::filesystem::path fields_folder(const std::filesystem::path& result, const std::string& name) {
+  std::string base = result.string();
+  if (base.ends_with(".h5")) base.resize(base.size() - 3);
+  return base + "." + name + ".fields";
+}
 
 HeartRun::HeartRun(Scene scene) : scene_(std::move(scene)) {
   if (scene_.physics != Physics::heart)
@@ -112,57 +143,83 @@ void HeartRun::build() {
 void HeartRun::resume(const std::filesystem::path& path) {
   const ResultReader file(path);
   require_same_scene(file, path, scene_.text);
+  constexpr long most = std::numeric_limits<int>::max();
+  const auto numbers = [&](const std::string& entry) {
+    return SavedNumbers(file.dataset(entry), file.place(entry));
+  };
   for (const auto& [name, cell] : scene_.cells) {
     const std::string group = "/checkpoint/cells/" + name;
     PacedCellType paced;
-    if (cell.ionic) paced.state_at_onset = file.dataset(group + "/state_at_onset");
-    const std::vector<double> facts = file.dataset(group + "/facts");
-    paced.certificate = {static_cast<LimitCycleVerdict>(static_cast<int>(facts.at(0))), facts.at(1),
-                         facts.at(2), facts.at(3), static_cast<int>(facts.at(4))};
-    paced.calcium_min_uM = facts.at(5);
-    paced.calcium_max_uM = facts.at(6);
-    paced.charge_drift_mV = facts.at(7);
-    paced.potential_max_mV = facts.at(8);
+    if (cell.ionic) {
+      paced.state_at_onset = file.finite(group + "/state_at_onset", cell.ionic->states.size());
+      require_possible_cell(cell, paced.state_at_onset, file.place(group + "/state_at_onset"));
+    }
+    SavedNumbers facts = numbers(group + "/facts");
+    take_verdict(facts, paced.certificate);
+    paced.certificate.distance = facts.not_negative();
+    paced.certificate.residual = facts.not_negative();
+    paced.certificate.multiplier = facts.not_negative();
+    paced.certificate.beats = static_cast<int>(facts.count(most));
+    paced.calcium_min_uM = facts.not_negative();
+    paced.calcium_max_uM = facts.not_negative();
+    paced.charge_drift_mV = facts.number();
+    paced.potential_max_mV = facts.number();
+    facts.finish();
     cells_.emplace(name, std::move(paced));
   }
   build();
-  driver_->restore(file.dataset("/checkpoint/driver"));
-  search_->restore(file.dataset("/checkpoint/search"));
+  try {
+    driver_->restore(file.finite("/checkpoint/driver"));
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("{}: {}", file.place("/checkpoint/driver"), error.what()));
+  }
+  const auto require_blood = [&](double volume_mL, const std::string& entry) {
+    if (std::abs(volume_mL - initial_volume_) > restored_volume_tolerance * initial_volume_)
+      throw InputError(fmt::format("{} is damaged: {:.6g} mL of blood, the scene has {:.6g} mL",
+                                   file.place(entry), volume_mL, initial_volume_));
+  };
+  require_blood(total_volume(scene_.circulation, driver_->values().data()), "/checkpoint/driver");
+  search_->restore(numbers("/checkpoint/search"));
   certificate_ = search_->certificate();
-  const std::vector<double> run = file.dataset("/checkpoint/run");
-  cost_.beats = static_cast<int>(run.at(0));
-  volume_drift_ = run.at(1);
-  cost_.cells_s = run.at(2);
-  cost_.heart_s = run.at(3);
+  SavedNumbers run = numbers("/checkpoint/run");
+  cost_.beats = static_cast<int>(run.count(most));
+  volume_drift_ = run.not_negative();
+  cost_.cells_s = run.not_negative();
+  cost_.heart_s = run.not_negative();
+  run.finish();
   if (file.has("/checkpoint/beat_under_way")) {
-    const std::vector<double> saved = file.dataset("/checkpoint/beat_under_way");
-    std::span<const double> in = saved;
+    SavedNumbers in = numbers("/checkpoint/beat_under_way");
     beat_ = std::make_unique<BeatUnderWay>();
     beat_->trace = driver_->trace();
-    beat_->steps = static_cast<long>(take_saved(in));
-    beat_->blood_volume_mL = take_saved(in);
+    beat_->steps = in.count(driver_->steps_per_beat() - 1);
+    beat_->blood_volume_mL = in.number();
+    require_blood(beat_->blood_volume_mL, "/checkpoint/beat_under_way");
     BeatAudit& a = beat_->audit;
-    a.chamber_work_mmHg_mL = take_saved(in);
-    a.dissipated_mmHg_mL = take_saved(in);
-    a.volume_mismatch_mL = take_saved(in);
-    a.newton_iterations = static_cast<long>(take_saved(in));
-    a.most_newton_iterations = static_cast<int>(take_saved(in));
-    for (double& volume : a.valve_volume_mL) volume = take_saved(in);
-    for (double& value : beat_start_) value = take_saved(in);
-    for (Column& column : beat_->trace.columns)
-      for (long row = 0; row <= beat_->steps; ++row) column.values.push_back(take_saved(in));
+    a.chamber_work_mmHg_mL = in.number();
+    a.dissipated_mmHg_mL = in.number();
+    a.volume_mismatch_mL = in.not_negative();
+    a.newton_iterations = in.count(most);
+    a.most_newton_iterations = static_cast<int>(in.count(most));
+    for (double& volume : a.valve_volume_mL) volume = in.number();
+    for (double& value : beat_start_) value = in.number();
+    require_blood(total_volume(scene_.circulation, beat_start_.data()), "/checkpoint/beat_under_way");
+    const long rows = driver_->rows_after(beat_->steps);
+    for (Column& column : beat_->trace.columns) column.values = in.numbers(static_cast<std::size_t>(rows));
+    in.finish();
   }
   if (cost_.beats > 0) {
     trace_.clear_rows();
-    for (Column& column : trace_.columns) column.values = file.dataset(place_of(column.name));
-    const std::vector<double> audit = file.dataset("/checkpoint/audit");
-    audit_.chamber_work_mmHg_mL = audit.at(0);
-    audit_.dissipated_mmHg_mL = audit.at(1);
-    audit_.blood_volume_change_mL = audit.at(2);
-    audit_.volume_mismatch_mL = audit.at(3);
-    audit_.newton_iterations = static_cast<long>(audit.at(4));
-    audit_.most_newton_iterations = static_cast<int>(audit.at(5));
-    for (int v = 0; v < n_valves; ++v) audit_.valve_volume_mL[v] = audit.at(6 + v);
+    const auto rows = static_cast<std::size_t>(driver_->rows_after(driver_->steps_per_beat()));
+    for (Column& column : trace_.columns) column.values = file.finite(place_of(column.name), rows);
+    SavedNumbers audit = numbers("/checkpoint/audit");
+    audit_.chamber_work_mmHg_mL = audit.number();
+    audit_.dissipated_mmHg_mL = audit.number();
+    audit_.blood_volume_change_mL = audit.number();
+    audit_.volume_mismatch_mL = audit.not_negative();
+    audit_.newton_iterations = audit.count(most);
+    audit_.most_newton_iterations = static_cast<int>(audit.count(most));
+    for (double& volume : audit_.valve_volume_mL) volume = audit.number();
+    audit.finish();
   }
 }
 
@@ -247,6 +304,7 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
           stop_if_asked(time_s() / scene_.period_s);
         }
         if (time_is_up()) break;
+        if (!has_tissue_) check_interrupt();
         done = driver_->step_beat(*beat_);
         if (steps_per_checkpoint > 0 && !done && beat_->steps % steps_per_checkpoint == 0) {
           cost_.heart_s = heart_before + seconds_since(begin);
@@ -261,6 +319,13 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
       if (beat_->steps < driver_->steps_per_beat()) break;
       trace = std::move(beat_->trace);
       beat_.reset();
+    } catch (const Interrupted&) {
+      if (has_tissue_) throw;
+      // The beat under way is given up: a run that is resumed repeats it from its start.
+      beat_.reset();
+      driver_->restore(good);
+      stop_if_asked(cost_.beats);
+      throw;
     } catch (const NumericalFailure& failure) {
       const double where = time_s();
       // Keep the last good state; an extrapolated start that failed is given up for a plain one. A beat that
@@ -376,7 +441,7 @@ void HeartRun::write_file(const std::filesystem::path& path, const std::vector<d
       file.dataset(group + "/state_at_onset", paced.state_at_onset, "model units", "state at stimulus onset");
     file.dataset(
         group + "/facts",
-        {static_cast<double>(paced.certificate.verdict), paced.certificate.distance,
+        {saved_verdict(paced.certificate), paced.certificate.distance,
          paced.certificate.residual, paced.certificate.multiplier,
          static_cast<double>(paced.certificate.beats), paced.calcium_min_uM, paced.calcium_max_uM,
          paced.charge_drift_mV, paced.potential_max_mV},

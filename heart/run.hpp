@@ -22,6 +22,9 @@ struct RunCost {
   int beats = 0;  // of the coupled heart
 };
 
+// Where the fields of a wall or body of 3D tissue stand: RESULT.NAME.fields, beside the result.
+std::filesystem::path fields_folder(const std::filesystem::path& result, const std::string& name);
+
 class HeartRun {
  public:
   explicit HeartRun(Scene scene);

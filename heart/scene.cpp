@@ -380,6 +380,23 @@ void read_body(SettingsReader& reader, Scene& scene) {
   }
 }
 
+std::string full_text(const SettingsReader& reader, const Scene& scene) {
+  std::string text;
+  for (const WallPlan& wall : scene.walls) text += wall.files;
+  return text + reader.full();
+}
+
+// Names of cells are names of groups in the result file.
+void check_cell_name(const SettingsReader& cells, const std::string& name) {
+  const bool plain = !name.empty() && name.size() <= 100 && name != "." && name != ".." &&
+                     std::all_of(name.begin(), name.end(), [](unsigned char c) { return c > 0x20 && c != '/'; });
+  if (!plain)
+    throw InputError(
+        fmt::format("{}: a name of cells names their group in the result file: at most 100 characters, no "
+                    "'/', no spaces, neither '.' nor '..'",
+                    cells.place(name)));
+}
+
 Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
                 const std::filesystem::path& folder) {
   SettingsReader reader(table, name);
@@ -392,6 +409,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
 
   SettingsReader& cells = reader.table("cells");
   for (const std::string& key : cells.keys()) {
+    check_cell_name(cells, key);
     CellType cell = read_cells(cells.table(key), key);
     if (cell.ionic && scene.period_s * 1e3 <= cell.stimulus.duration_ms)
       throw InputError(fmt::format("{}: the period, {} s, is not longer than the stimulus, {} ms",
@@ -402,7 +420,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
   if (reader.has("body")) {
     read_body(reader, scene);
     reader.finish();
-    scene.text = reader.full();
+    scene.text = full_text(reader, scene);
     return scene;
   }
 
@@ -533,7 +551,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
       fibre.settings.rate = scene.rate;
       fibre.settings.stabilise = scene.stabilise_active_stress;
     }
-  scene.text = reader.full();
+  scene.text = full_text(reader, scene);
   return scene;
 }
 

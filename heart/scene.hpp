@@ -55,12 +55,13 @@ struct WallPlan {
   TriSegParameters triseg;
   std::vector<FibrePlan> fibres;       // none, one, or the three segments
   std::shared_ptr<const void> tissue;  // what the tissue read of its table
+  std::string files;                   // a comment line for each file that it reads: its name and checksum
 };
 
 struct Scene {
   std::string title;
   std::filesystem::path folder;  // of the scene file
-  std::string text;              // the scene with all defaults filled in
+  std::string text;              // the scene with all defaults filled in, files it reads by their checksum
   Physics physics = Physics::heart;
   double period_s = 0.8;
   double body_surface_area_m2 = 1.9;

@@ -13,6 +13,7 @@
 // save() and restore() carry everything the future depends on. Volumes mL, pressures mmHg, times s.
 #pragma once
 
+#include <cmath>
 #include <map>
 #include <span>
 #include <string>
@@ -109,6 +110,14 @@ T take_saved(std::span<const T>& in) {
   const T value = in.front();
   in = in.subspan(1);
   return value;
+}
+
+// The same for a whole number from 0 to `most`.
+inline long take_saved_count(std::span<const double>& in, long most) {
+  const double value = take_saved(in);
+  if (!(value >= 0 && value <= static_cast<double>(most) && value == std::floor(value)))
+    throw InputError("the saved state is damaged: a count is none");
+  return static_cast<long>(value);
 }
 
 }  // namespace wiggers

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
+#include <wiggers/core/saved_numbers.hpp>
 #include <wiggers/core/stopwatch.hpp>
 #include <wiggers/core/table.hpp>
 #include <wiggers/core/units.hpp>
@@ -188,16 +189,23 @@ struct ElectrophysiologyRun {
     const ResultReader file(*request.resume);
     require_same_scene(file, *request.resume, scene.text);
     build({});
-    const std::vector<double> state = file.dataset("/checkpoint/body");
+    const std::vector<double> state = file.finite("/checkpoint/body");
     std::span<const double> in = state;
     monodomain->restore(in);
-    const std::vector<double> run = file.dataset("/checkpoint/run");
-    time_s = run.at(0);
-    start_s = run.at(1);
-    run_s = run.at(2);
-    rows.columns[0].values = file.dataset("/time");
+    if (!in.empty())
+      throw InputError(fmt::format("{} is damaged: it has {} numbers too many", file.place("/checkpoint/body"),
+                                   in.size()));
+    SavedNumbers run(file.dataset("/checkpoint/run"), file.place("/checkpoint/run"));
+    time_s = run.not_negative();
+    start_s = run.not_negative();
+    run_s = run.not_negative();
+    run.finish();
+    const double n_rows = std::round(time_s / (scene.rows_every_ms * units::s_per_ms)) + 1;
+    if (n_rows > 1e9) run.refuse("no run is as long as that");
+    const auto n = static_cast<std::size_t>(n_rows);
+    rows.columns[0].values = file.finite("/time", n);
     for (std::size_t k = 1; k < rows.columns.size(); ++k)
-      rows.columns[k].values = file.dataset("/body/" + rows.columns[k].name);
+      rows.columns[k].values = file.finite("/body/" + rows.columns[k].name, n);
   }
 
   void advance() {

@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
+#include <wiggers/core/saved_numbers.hpp>
 #include <wiggers/core/stopwatch.hpp>
 #include <wiggers/core/table.hpp>
 #include <wiggers/core/units.hpp>
@@ -260,23 +262,27 @@ struct MechanicsRun {
     require_same_scene(file, *request.resume, scene.text);
     image = make_mesh(plan, chambers, "body", communicator);
     auto points = std::make_shared<TetMesh>(*image);
-    const std::vector<double> flat = file.dataset("/checkpoint/points");
-    if (flat.size() != 3 * points->points.size())
-      throw InputError(fmt::format("--resume {}: it is of another mesh", request.resume->string()));
+    const std::vector<double> flat = file.finite("/checkpoint/points", 3 * points->points.size());
     for (std::size_t k = 0; k < flat.size(); ++k) points->points[k / 3][k % 3] = flat[k];
     build(std::move(points));
-    const std::vector<double> d = file.dataset("/checkpoint/displacement");
+    const std::vector<double> d = file.finite("/checkpoint/displacement",
+                                              3 * static_cast<std::size_t>(mechanics->nodes().n_global));
     Partition::scatter(mechanics->nodes(), d, mechanics->displacement().data(), 3);
-    pressures = file.dataset("/checkpoint/pressures");
-    const std::vector<double> run = file.dataset("/checkpoint/run");
-    share = run.at(0);
-    start_s = run.at(1);
-    run_s = run.at(2);
-    newton = static_cast<long>(run.at(3));
-    recovery.fixed_point_iterations = static_cast<int>(run.at(4));
-    recovery.smallest_volume_ratio = run.at(5);
-    recovery.smallest_dihedral_deg = run.at(6);
-    for (Column& column : rows.columns) column.values = file.dataset(column.name);
+    pressures = file.finite("/checkpoint/pressures", pressures.size());
+    SavedNumbers run(file.dataset("/checkpoint/run"), file.place("/checkpoint/run"));
+    constexpr long most = std::numeric_limits<int>::max();
+    share = run.not_negative();
+    if (share > 1 + 1e-9) run.refuse("more than the whole load");
+    start_s = run.not_negative();
+    run_s = run.not_negative();
+    newton = run.count(most);
+    recovery.fixed_point_iterations = static_cast<int>(run.count(most));
+    recovery.smallest_volume_ratio = run.number();
+    recovery.smallest_dihedral_deg = run.number();
+    run.finish();
+    rows.columns[0].values = file.finite(rows.columns[0].name);
+    if (rows.n_rows() == 0) run.refuse("there is no row of it");
+    for (Column& column : rows.columns) column.values = file.finite(column.name, rows.n_rows());
     open_fields(true);
   }
 

@@ -144,7 +144,7 @@ FieldSeries::FieldSeries(fs::path path, const TetMesh& mesh, std::optional<doubl
     throw ResourceError(fmt::format("cannot make the folder '{}': {}", folder_.string(),
                                     error ? error.message() : "a file of this name is in the way"));
   if (resume_time_s && fs::exists(index())) {
-    const std::string text = read_file(index());
+    const std::string text = read_own_file(index());
     if (text.find("</VTKFile>") == std::string::npos)
       throw InputError(fmt::format("'{}' is no index of a field series", index().string()));
     if (text.find(mesh_line()) == std::string::npos)

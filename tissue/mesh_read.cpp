@@ -187,13 +187,22 @@ void attach_facets(TetMesh& mesh, const std::vector<CellFace>& faces, const std:
   mesh.facet_tags.resize(kept);
 }
 
-RawMesh parse(const std::filesystem::path& path) {
+std::string ending_of(const std::filesystem::path& path) {
   std::string ending = path.extension().string();
   std::transform(ending.begin(), ending.end(), ending.begin(),
                  [](unsigned char c) { return std::tolower(c); });
-  const bool carp = ending == ".pts" || ending == ".elem" || ending == ".lon";
-  if (carp || (!std::filesystem::exists(path) && std::filesystem::exists(path.string() + ".pts")))
-    return parse_carp(path);
+  return ending;
+}
+
+bool is_carp(const std::filesystem::path& path) {
+  const std::string ending = ending_of(path);
+  return ending == ".pts" || ending == ".elem" || ending == ".lon" ||
+         (!std::filesystem::exists(path) && std::filesystem::exists(path.string() + ".pts"));
+}
+
+RawMesh parse(const std::filesystem::path& path) {
+  if (is_carp(path)) return parse_carp(path);
+  const std::string ending = ending_of(path);
   if (ending != ".msh" && ending != ".vtk" && ending != ".vtu")
     throw InputError(
         fmt::format("{}: unknown kind of mesh file '{}'; known: .msh (gmsh), .vtk, .vtu, .pts with .elem "
@@ -207,6 +216,17 @@ RawMesh parse(const std::filesystem::path& path) {
 }
 
 }  // namespace
+
+std::vector<std::filesystem::path> mesh_files(const std::filesystem::path& path) {
+  if (!is_carp(path)) return {path};
+  std::filesystem::path base = path;
+  if (const std::string ending = ending_of(path); ending == ".pts" || ending == ".elem" || ending == ".lon")
+    base.replace_extension();
+  std::vector<std::filesystem::path> parts;
+  for (const char* ending : {".pts", ".elem", ".lon"})
+    if (std::filesystem::exists(base.string() + ending)) parts.emplace_back(base.string() + ending);
+  return parts;
+}
 
 MeshUnit mesh_unit(std::string_view name) {
   if (name == "auto") return MeshUnit::automatic;

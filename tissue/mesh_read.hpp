@@ -19,6 +19,9 @@ enum class MeshUnit { automatic, metre, centimetre, millimetre, micrometre };
 // "auto", "m", "cm", "mm", "um"; refuses anything else.
 MeshUnit mesh_unit(std::string_view name);
 
+// The files that read_mesh(path) reads: one, or those of CARP that there are.
+std::vector<std::filesystem::path> mesh_files(const std::filesystem::path& path);
+
 // Reads by the name's ending; of CARP any of the three files, or their common name. The automatic unit is the
 // one written by write_msh, else the format's (mm; CARP: um) if the mesh then measures 20 to 250 mm, else the
 // first of mm, cm, m, um with which it does; the choice, and all that was mended, goes to `notes`.

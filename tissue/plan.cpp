@@ -4,9 +4,12 @@
 #include <algorithm>
 #include <filesystem>
 #include <set>
+#include <wiggers/core/checksum.hpp>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/files.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/tissue/mesh_make.hpp>
+#include <wiggers/tissue/mesh_read.hpp>
 #include <wiggers/tissue/plan.hpp>
 
 namespace wiggers {
@@ -34,7 +37,15 @@ std::vector<double> read_shape(SettingsReader& table, const std::array<Quantity,
   return values;
 }
 
-void read_mesh_keys(SettingsReader& table, const Scene& scene, TissuePlan& plan) {
+// Comment lines for `files`: what the mesh file holds, so that a result knows it again.
+std::string mesh_file_checksums(const std::string& mesh_file) {
+  std::string lines;
+  for (const std::filesystem::path& part : mesh_files(mesh_file))
+    lines += fmt::format("# content of {}: {:016x}\n", part.filename().string(), checksum(read_file(part)));
+  return lines;
+}
+
+void read_mesh_keys(SettingsReader& table, const Scene& scene, TissuePlan& plan, std::string& files) {
   if (table.has("mesh")) {
     plan.mesh_file = table.text("mesh", "");
     const std::vector<std::string> units = {"auto", "m", "cm", "mm", "um"};
@@ -48,6 +59,7 @@ void read_mesh_keys(SettingsReader& table, const Scene& scene, TissuePlan& plan)
     if (!exists(plan.mesh_file))
       throw InputError(fmt::format("{} = \"{}\": there is no such file, neither here nor beside the scene",
                                    table.place("mesh"), plan.mesh_file));
+    files = mesh_file_checksums(plan.mesh_file);
   } else {
     const std::vector<std::string> shapes = {"ellipsoid", "biventricular", "heart"};
     plan.shape = table.choice("shape", "ellipsoid", shapes, "shape");
@@ -132,7 +144,7 @@ void read_stimuli(SettingsReader& table, double period_s, TissuePlan& plan) {
 
 void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& wall) {
   auto plan = std::make_shared<TissuePlan>();
-  read_mesh_keys(table, scene, *plan);
+  read_mesh_keys(table, scene, *plan, wall.files);
   const std::string& shape = plan->shape;
   const std::vector<int> chambers_of_shape = shape == "ellipsoid"       ? std::vector<int>{LV}
                                              : shape == "biventricular" ? std::vector<int>{LV, RV}

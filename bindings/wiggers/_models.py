@@ -114,6 +114,10 @@ class _Periodic(_Model):
                 f"{path}: saved with other parameters: {first} = {cycle.parameters.get(first)} there, "
                 f"{mine.get(first)} here" + (f", and {len(names) - 1} more" if len(names) > 1 else "") +
                 ". Assign them first, or start to_limit_cycle(near=...) from Cycle.load(path).")
+        try:
+            self._core.require_state(cycle.state)
+        except _core.InputError as error:
+            raise _core.InputError(f"{path}: {error}") from None
         return cycle
 
     def batch(self, samples: Samples, names: Sequence[str] | None = None, *, near: State | NotGiven = not_given,

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import os
-from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
 from ._checks import Held, read_only, text
-from ._core import Certificate, Columns, InputError, SensitivityTable
+from ._core import Certificate, Columns, InputError, SensitivityTable, read_file, write_file
 
 STATE_FORMAT = 1
 
@@ -96,24 +96,98 @@ class Cycle(Held):
             "certificate": {f: getattr(c, f) for f in ("verdict", "distance", "residual", "multiplier", "beats")},
             "indexes": self.indexes,
         }
-        target = Path(path)
-        beside = target.with_name(target.name + ".part")
-        beside.write_text(json.dumps(content, indent=1))
-        os.replace(beside, target)
+        write_file(os.fspath(path), json.dumps(content, indent=1).encode())
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Cycle:
+        """Reads what `save` wrote; whatever is not that is refused with the file and the key."""
+        return _SavedCycle(os.fspath(path)).cycle()
+
+
+class _SavedCycle:
+    """A file of a cycle, believed in nothing: kind, length and finiteness of every entry are looked at."""
+
+    LONGEST = 1_000_000  # of a state
+
+    def __init__(self, path: str) -> None:
+        self.path = path
         try:
-            content = json.loads(Path(path).read_text())
-            if content["format"] != STATE_FORMAT:
-                raise StateMismatch(f"{path}: format {content['format']}, this version reads {STATE_FORMAT}")
-            state = np.array([float.fromhex(x) for x in content["state"]])
-            return Cycle(state, Certificate(**content["certificate"]), content["indexes"], content["model"],
-                         content["parameters"], content["structure"])
-        except StateMismatch:
-            raise
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"{path}: not a saved limit cycle ({error!r})") from None
+            content = json.loads(read_file(path), parse_constant=self._no_number)
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{path}: not a saved limit cycle: {error}") from None
+        if not isinstance(content, dict):
+            raise InputError(f"{path}: not a saved limit cycle: it is no table of entries")
+        self.content = content
+        if self.entry("format", int) != STATE_FORMAT:
+            raise StateMismatch(f"{path}: format {content['format']}, this version reads {STATE_FORMAT}")
+
+    def cycle(self) -> Cycle:
+        state = self.entry("state", list)
+        if not 0 < len(state) <= self.LONGEST:
+            self.refuse("state", f"has {len(state)} numbers")
+        numbers = [self.of_text(f"state[{k}]", x) for k, x in enumerate(state)]
+        saved = self.entry("certificate", dict)
+        facts = {f: self.number(f"certificate.{f}", saved.get(f)) for f in ("distance", "residual", "multiplier")}
+        beats, verdict = saved.get("beats"), saved.get("verdict")
+        if type(beats) is not int or not 0 <= beats < 2**31:
+            self.refuse("certificate.beats", f"is {_short(beats)}, not a count")
+        if not isinstance(verdict, str):
+            self.refuse("certificate.verdict", f"is {_short(verdict)}, not a text")
+        for name, value in facts.items():
+            if value < 0:
+                self.refuse(f"certificate.{name}", f"is {value}, which no search leaves")
+        try:
+            certificate = Certificate(verdict=verdict, beats=beats, **facts)
+        except InputError as error:
+            self.refuse("certificate.verdict", f": {error}")
+        return Cycle(np.array(numbers), certificate, self.table("indexes"), self.entry("model", str),
+                     self.table("parameters"), self.entry("structure", str))
+
+    def entry(self, key: str, kind: type) -> Any:
+        if key not in self.content:
+            self.refuse(key, "is missing: not a saved limit cycle")
+        value = self.content[key]
+        if not isinstance(value, kind) or isinstance(value, bool):
+            self.refuse(key, f"is {_short(value)}, wanted is {_KINDS[kind]}")
+        return value
+
+    def table(self, key: str) -> dict[str, float]:
+        return {name: self.number(f"{key}.{name}", value) for name, value in self.entry(key, dict).items()}
+
+    def number(self, key: str, value: Any) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            self.refuse(key, f"is {_short(value)}, not a number")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            self.refuse(key, "is not finite")
+        return number
+
+    def of_text(self, key: str, value: Any) -> float:
+        if not isinstance(value, str) or len(value) > 64:
+            self.refuse(key, f"is {_short(value)}, not a number in hexadecimal text")
+        try:
+            number = float.fromhex(value)
+        except (ValueError, OverflowError):
+            self.refuse(key, f"is {_short(value)}, not a number in hexadecimal text")
+        return self.number(key, number)
+
+    def refuse(self, key: str, why: str) -> NoReturn:
+        raise InputError(f"{self.path}: {key} {why}")
+
+    def _no_number(self, text: str) -> NoReturn:
+        raise InputError(f"{self.path}: {text} stands in the place of a number")
+
+
+_KINDS = {int: "a whole number", str: "a text", list: "a list", dict: "a table of entries"}
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, dict | list):
+        return "a table" if isinstance(value, dict) else "a list"
+    return "missing" if value is None else repr(value)[:60]
 
 
 class Sensitivities(Held):

@@ -11,6 +11,46 @@
 
 namespace wiggers::command {
 
+namespace {
+
+// The first word that is no verb or option where it stands, with the nearest that is; empty if all are known.
+std::string unknown_word(const CLI::App& app, const std::vector<std::string>& words) {
+  const CLI::App* at = &app;
+  std::string said = "wiggers";
+  const auto refuse = [&](const char* kind, const std::string& word, const std::vector<std::string>& known) {
+    const std::string nearest = nearest_name(word, known);
+    return std::string("unknown ") + kind + " '" + word + "'" +
+           (nearest.empty() ? "." : "; did you mean '" + nearest + "'?") + " See " + said + " --help";
+  };
+  for (const std::string& word : words) {
+    const bool option = word.size() > 1 && word[0] == '-' && !(word[1] >= '0' && word[1] <= '9') && word[1] != '.';
+    if (option) {
+      const std::string name = word.substr(0, word.find('='));
+      if (word.starts_with("--") ? at->get_option_no_throw(name) != nullptr
+                                 : at->get_option_no_throw(word.substr(0, 2)) != nullptr)
+        continue;
+      std::vector<std::string> known;
+      for (const CLI::Option* o : at->get_options())
+        for (const std::string& one : o->get_lnames()) known.push_back("--" + one);
+      return refuse("option", name, known);
+    }
+    const std::vector<const CLI::App*> verbs = at->get_subcommands({});
+    if (verbs.empty()) continue;
+    std::vector<std::string> known;
+    const CLI::App* next = nullptr;
+    for (const CLI::App* verb : verbs) {
+      known.push_back(verb->get_name());
+      if (verb->get_name() == word) next = verb;
+    }
+    if (!next) return refuse("command", word, known);
+    said += " " + word;
+    at = next;
+  }
+  return {};
+}
+
+}  // namespace
+
 int run_application(int argc, char** argv, const std::function<void(CLI::App&)>& add_more) {
   catch_interrupts();
   CLI::App app("wiggers: from a single heart cell to a full beat");
@@ -39,14 +79,8 @@ int run_application(int argc, char** argv, const std::function<void(CLI::App&)>&
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
     std::string message = error.what();
-    if (argc > 1 && argv[1][0] != '-' && app.get_subcommands().empty()) {
-      std::vector<std::string> verbs;
-      for (const CLI::App* verb : app.get_subcommands({})) verbs.push_back(verb->get_name());
-      const std::string nearest = nearest_name(argv[1], verbs);
-      message = "unknown command '" + std::string(argv[1]) + "'" +
-                (nearest.empty() ? "" : "; did you mean '" + nearest + "'?") + " See wiggers --help";
-    }
-    std::fprintf(stderr, "wiggers: bad input: %s\n", message.c_str());
+    if (const std::string better = unknown_word(app, {argv + 1, argv + argc}); !better.empty()) message = better;
+    std::fprintf(stderr, "wiggers: bad input: %s\n", presentable(message).c_str());
     return 2;
   } catch (const TissueNeeded&) {
     throw;

@@ -9,6 +9,7 @@
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
+#include <wiggers/core/memory.hpp>
 #include <wiggers/core/progress.hpp>
 #include <wiggers/core/result_file.hpp>
 #include <wiggers/core/table.hpp>
@@ -38,7 +39,6 @@ void evaluate_rows(const CellModel& model, const std::vector<double>& parameters
     throw InputError("--rhs evaluates given states: --beats and --until have no place there");
   if (o.output.empty()) throw InputError("--rhs needs -o FILE.csv for the derivatives");
   require_writable(o.output, "-o");
-  refuse_overwriting(o.output, "-o", o.rhs);
   const Table states = read_csv(o.rhs);
   const auto check_unit = [&](const Quantity& q) {
     const Column* column = states.find(q.name);
@@ -181,6 +181,10 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   if (!o.final_state.empty()) require_writable(o.final_state, "--final-state");
   check_option("--period-ms", o.period_ms, 1, 1e5);
   check_option("--sample-ms", o.sample_ms, 1e-3, o.period_ms);
+  require_memory(o.period_ms / o.sample_ms,
+                 static_cast<double>(1 + model.states.size() + model.observables.size()),
+                 fmt::format("--sample-ms {} over --period-ms {}", o.sample_ms, o.period_ms),
+                 "Take a larger --sample-ms.");
   check_option("--stimulus-onset-ms", o.onset_ms, 0, o.period_ms);
   check_limit_cycle_options(o.distance, o.max_beats);
   const LimitCycleMethod method = limit_cycle_method(o.method);
@@ -191,8 +195,6 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   } else {
     check_option("--dt-ms", o.dt_ms, 1e-4, o.period_ms);
   }
-  for (const std::string& input : {o.start, o.final_state}) refuse_overwriting(o.output, "-o", input);
-  refuse_overwriting(o.final_state, "--final-state", o.start);
   StimulusPulse pulse = model.default_stimulus;
   if (o.stimulus_given) pulse.amplitude_A_per_F = o.stimulus;
   if (o.duration_given) pulse.duration_ms = o.duration_ms;

@@ -35,7 +35,6 @@ void add_extremes(CLI::App& app) {
     check_option("--beats", o->settings.beats, 1, 1000);
     check_option("--draws", o->settings.draws, 0, 1e6);
     if (!o->output.empty()) require_writable(o->output, "-o");
-    refuse_overwriting(o->output, "-o", o->subject);
     Progress progress("extremes", o->quiet ? Progress::Style::quiet : Progress::Style::automatic);
     ExtremesStudy study;
     if (!o->set.empty() && !o->subject.ends_with(".toml"))

@@ -11,6 +11,7 @@
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
+#include <wiggers/core/memory.hpp>
 #include <wiggers/core/progress.hpp>
 #include <wiggers/core/table.hpp>
 #include <wiggers/core/units.hpp>
@@ -105,8 +106,6 @@ void run_force(const Options& o) {
   const Signal length = read_signal(o.length, "--sarcomere-length", Rdq20::inputs[Rdq20::SL], 0);
   for (double SL : length.y) check_sarcomere_length(parameters, SL);
   if (!o.output.empty()) require_writable(o.output, "-o");
-  refuse_overwriting(o.output, "-o", o.calcium);
-  refuse_overwriting(o.output, "-o", o.length);
 
   std::vector<double> observables(model.observables.size()), rates(model.states.size());
   if (o.steady) {
@@ -144,6 +143,9 @@ void run_force(const Options& o) {
   if (!(end > begin)) throw InputError("nothing to integrate over: give a series, --duration-s, or --steady");
   check_option("--duration-s", end - begin, 1e-6, 1e4);
   check_option("--sample-ms", o.sample_ms, 1e-3, 1e3 * (end - begin));
+  require_memory(1e3 * (end - begin) / o.sample_ms,
+                 static_cast<double>(1 + model.inputs.size() + model.observables.size() + model.states.size()),
+                 fmt::format("--sample-ms {} over {} s", o.sample_ms, end - begin), "Take a larger --sample-ms.");
   check_option("--beats", o.beats, 1, 1e6);
   check_option("--rtol", o.rtol, 1e-13, 0.1);
   check_option("--atol", o.atol, 1e-18, 1);

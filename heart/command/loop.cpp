@@ -7,6 +7,7 @@
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
+#include <wiggers/core/memory.hpp>
 #include <wiggers/core/progress.hpp>
 #include <wiggers/heart/accuracy.hpp>
 #include <wiggers/heart/loop_study.hpp>
@@ -59,7 +60,7 @@ void add_loop(CLI::App& app) {
     }
     const bool to_cycle = end_of_run(o->until, o->beats);
     const LimitCycleMethod method = limit_cycle_method(o->method);
-    refuse_overwriting(o->output, "-o", o->file);
+    if (!o->output.empty()) require_writable(o->output, "-o");
     check_limit_cycle_options(o->distance, o->max_beats);
     check_option("--sample-ms", o->sample_ms, 1e-3, 1e5);
     check_option("--rtol", o->integrator.relative_tolerance, 1e-13, 0.1);
@@ -68,9 +69,12 @@ void add_loop(CLI::App& app) {
     for (const std::string& assignment : o->set) override_setting(*table, assignment);
     SettingsReader reader(table, std::filesystem::path(o->file).filename().string());
     const Loop loop = read_loop(reader);
-    if (!o->output.empty()) require_writable(o->output, "-o");
     if (!(o->sample_ms >= 1e-3 && o->sample_ms * 1e-3 <= loop.period_s))
       throw InputError(fmt::format("--sample-ms {} is outside 0.001 to the period", o->sample_ms));
+    require_memory(1e3 * loop.period_s / std::min(o->sample_ms, 1.0),
+                   static_cast<double>(circulation_table().columns.size()),
+                   fmt::format("--sample-ms {} over a period of {} s", o->sample_ms, loop.period_s),
+                   "Take a larger --sample-ms.");
     const LoopSolver solver(loop, o->integrator);
 
     const auto begin = std::chrono::steady_clock::now();

@@ -6,7 +6,9 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <cstdlib>
 #include <string_view>
+#include <wiggers/core/files.hpp>
 #include <wiggers/heart/tissue_kind.hpp>
 
 #include "application.hpp"
@@ -16,6 +18,12 @@ namespace {
 
 // Returns only if there is no such executable.
 void hand_over(char** argv) {
+  if (wiggers::special_file_was_read()) {
+    std::fprintf(stderr,
+                 "wiggers: bad input: this scene needs wiggers-3d, which cannot read a pipe once more: write the "
+                 "scene to a file\n");
+    std::exit(2);
+  }
   std::fflush(nullptr);
   execv(wiggers::command::tissue_program().c_str(), argv);
 }

@@ -1,8 +1,5 @@
 #include <fmt/core.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
-#include <cstdlib>
 #include <filesystem>
 #include <memory>
 #include <wiggers/core/errors.hpp>
@@ -14,37 +11,6 @@
 namespace wiggers::command {
 
 namespace fs = std::filesystem;
-
-std::string report_python() {
-  if (const char* chosen = std::getenv("WIGGERS_PYTHON")) return chosen;
-  const std::string configured = WIGGERS_PYTHON_DEFAULT;
-  std::error_code ignored;
-  if (!configured.empty() && fs::exists(configured, ignored)) return configured;
-  return "python3";
-}
-
-fs::path report_folder() {
-  std::error_code ignored;
-  const fs::path executable = fs::read_symlink("/proc/self/exe", ignored);
-  const fs::path installed = executable.parent_path() / ".." / "share" / "wiggers" / "report";
-  if (fs::is_directory(installed, ignored)) return fs::canonical(installed, ignored);
-  return WIGGERS_REPORT_SOURCE;
-}
-
-int run_program(const std::vector<std::string>& words) {
-  std::vector<char*> arguments;
-  for (const std::string& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
-  arguments.push_back(nullptr);
-  const pid_t child = fork();
-  if (child < 0) throw ResourceError("cannot start another program");
-  if (child == 0) {
-    execvp(arguments[0], arguments.data());
-    _exit(127);
-  }
-  int status = 0;
-  if (waitpid(child, &status, 0) < 0) throw ResourceError("lost the report program");
-  return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-}
 
 void add_report(CLI::App& app) {
   struct Options {
@@ -66,17 +32,7 @@ void add_report(CLI::App& app) {
     std::error_code code;
     if (fs::exists(o->folder, code) && !fs::is_directory(o->folder, code))
       throw InputError(fmt::format("-o: '{}' is a file; name a folder", o->folder));
-    std::fflush(stdout);
-    const std::string python = report_python();
-    const int status =
-        run_program({python, (report_folder() / "make_report.py").string(), o->result, o->folder});
-    if (status == 127)
-      throw ResourceError(fmt::format("cannot start Python as '{}'; set WIGGERS_PYTHON", python));
-    if (status != 0)
-      throw ResourceError(
-          fmt::format("the report program ended with status {}; it needs Python with h5py and "
-                      "matplotlib (make setup installs them)",
-                      status));
+    write_report("make_report.py", o->result, o->folder);
   });
 }
 

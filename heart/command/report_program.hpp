@@ -1,4 +1,5 @@
-// Where the report's Python program and its interpreter are.
+// Where the report's Python programs and their interpreter are, and how their answer is taken: they draw, this
+// command writes (see heart/report/answer.py).
 #pragma once
 
 #include <filesystem>
@@ -11,7 +12,14 @@ namespace wiggers::command {
 std::string report_python();
 // The folder of make_report.py: beside an installed command, else in the source tree.
 std::filesystem::path report_folder();
-// Runs a program with the terminal's input and output; its exit status, 127 if it could not be started.
+
+// Runs one of the programs on `subject` and writes the files that it sends into `folder`, the page last, then
+// shows its lines. Nothing is written unless the program came to its end. Throws InputError where the subject
+// is at fault and ResourceError otherwise, with the reason.
+void write_report(const std::string& program, const std::filesystem::path& subject,
+                  const std::filesystem::path& folder);
+
+// Runs a program whose output is of no interest; its exit status, 127 if it could not be started.
 int run_program(const std::vector<std::string>& words);
 
 }  // namespace wiggers::command

@@ -22,13 +22,20 @@ struct Options {
   bool quiet = false, json = false, monolithic = false;
 };
 
+// The result, and the folders beside it in which 3D tissue keeps its fields.
+void require_result_writable(const Scene& scene, const std::filesystem::path& result) {
+  require_writable(result, "-o");
+  if (is_special(result)) return;
+  for (const WallPlan& wall : scene.walls)
+    if (wall.kind == "tissue") require_writable_folder(fields_folder(result, wall.name), "-o");
+}
+
 void run_monolithic(const Scene& scene, const Options& o) {
   if (o.json) throw InputError("--monolithic writes a table: --json has no place there");
   if (!o.resume.empty()) throw InputError("--monolithic starts from the scene: --resume has no place there");
   if (!o.output.empty() && !o.output.ends_with(".csv"))
     throw InputError(
         fmt::format("-o: '{}' must end in .csv: a monolithic run writes the beat as a table", o.output));
-  if (!o.output.empty()) require_writable(o.output, "-o");
   Progress progress("monolithic", o.quiet ? Progress::Style::quiet : Progress::Style::automatic);
   progress.update(-1, "cells");
   MonolithicHeart heart(scene, {});
@@ -57,7 +64,7 @@ void run_body(const Scene& scene, const Options& o) {
   if (!o.output.empty()) request.result = o.output;
   if (!o.resume.empty()) request.resume = o.resume;
   if (!request.result && request.resume) request.result = request.resume;
-  if (request.result) require_writable(*request.result, "-o");
+  if (request.result) require_result_writable(scene, *request.result);
   request.quiet = o.quiet;
   tissue_kind().quiet = o.quiet;
   const BodyOutcome outcome = tissue_kind().run_body(scene, request);
@@ -89,7 +96,9 @@ void add_run(CLI::App& app) {
   verb->add_flag("--json", o->json, "end standard output with one line of JSON");
   verb->callback([o] {
     const auto style = o->quiet ? Progress::Style::quiet : Progress::Style::automatic;
-    refuse_overwriting(o->output, "-o", o->scene);
+    if (!o->resume.empty()) allow_going_on_in(o->resume);
+    // Before anything is read: the readers then refuse what is to be written.
+    if (!o->output.empty()) require_writable(o->output, "-o");
     std::vector<std::string> overrides;
     if (!o->accuracy.empty()) {
       const HeartAccuracy& chosen = heart_accuracy(o->accuracy);
@@ -113,7 +122,7 @@ void add_run(CLI::App& app) {
     std::optional<std::filesystem::path> result;
     if (!o->output.empty()) result = o->output;
     if (!result && !o->resume.empty()) result = o->resume;
-    if (result) require_writable(*result, "-o");
+    if (result) require_result_writable(run.scene(), *result);
     if (o->resume.empty())
       run.prepare(style);
     else

@@ -28,10 +28,11 @@ void finish(const TradeStudy& study, const Options& o) {
   fmt::print("{}", trade_table(study, tolerances.empty() ? std::nullopt : chosen));
   if (!o.output.empty()) {
     write_trade(study, tolerances, o.output);
-    std::fflush(stdout);
-    const int status = run_program({report_python(), (report_folder() / "make_trade.py").string(), o.output});
-    if (status != 0)
-      fmt::print(stderr, "wiggers: no picture: it needs Python with matplotlib (make setup installs them)\n");
+    try {
+      write_report("make_trade.py", std::filesystem::path(o.output) / "trade.json", o.output);
+    } catch (const std::runtime_error& error) {
+      fmt::print(stderr, "wiggers: no picture: {}\n", error.what());
+    }
     fmt::print("\nwritten: {}\n", (std::filesystem::path(o.output) / "trade.json").string());
   }
   if (tolerances.empty()) return;
@@ -57,7 +58,8 @@ Progress progress_of(const Options& o, const std::string& name) {
   if (!o.output.empty()) {
     std::error_code code;
     std::filesystem::create_directories(o.output, code);
-    require_writable(std::filesystem::path(o.output) / "trade.json", "-o");
+    for (const char* name : {"trade.json", "trade.md", "trade.png", "trade.svg"})
+      require_writable(std::filesystem::path(o.output) / name, "-o");
   }
   return {name, o.quiet ? Progress::Style::quiet : Progress::Style::automatic};
 }

@@ -15,7 +15,7 @@ import numpy as np
 from figures import COLOUR, STYLE
 from matplotlib.colors import Normalize
 from page import table, verdict_list, write_document
-from result import CHAMBERS, provenance, wall_figures
+from result import CHAMBERS, ResultFile, provenance, wall_figures
 from tissue import STRETCH_ROWS, Body, Tissue, activation_views, cost_chart, field_views, lead_chart, make_pictures
 from tissue_page import SMALLEST_GOOD_VOLUME_RATIO, cost_table, embedded, sizes_table
 from vtu import Frame
@@ -45,14 +45,13 @@ def is_body(result_path):
         return "body" in file
 
 
-def report_body(result_path, folder):
-    """Writes the pictures and the page into an existing folder. Returns the page, the pictures and what was left out."""
+def report_body(result_path, answer):
+    """Adds the pictures and the page to the answer. Returns the page, the pictures and what was left out."""
     result = BodyResult(result_path)
     kind = MechanicsBody if result.physics == "mechanics" else ElectrophysiologyBody
     body = kind(result, "body")
-    pictures = make_pictures(body, body.makers(), folder)
-    page = folder / "index.html"
-    write_document(page, result, body.page_parts(pictures))
+    pictures = make_pictures(body, body.makers(), answer)
+    page = write_document(answer, result, body.page_parts(pictures))
     return page, list(pictures.values()), body.trouble
 
 
@@ -63,7 +62,7 @@ class BodyResult:
 
     def __init__(self, path):
         self.path = Path(path)
-        with h5py.File(path, "r") as file:
+        with ResultFile(path) as file:
             self.summary = json.loads(file["summary"][()].decode())
             self.physics = self.summary["physics"]
             # Rows stand over the time (s), or over the share of the load.

@@ -1,21 +1,21 @@
 """Draws error against cost of a trade study, with its Pareto front.
 
-Usage: make_trade.py FOLDER      (reads FOLDER/trade.json, writes FOLDER/trade.png and .svg)
+Usage: make_trade.py STUDY FOLDER DESCRIPTOR      (reads STUDY, trade.json; started by `wiggers trade`, which writes what
+comes; see answer.py)
 """
 
+import io
 import json
 import sys
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt  # noqa: E402
-from figures import STYLE  # noqa: E402
+from answer import answer_with
 
 
 def draw(study):
+    import matplotlib.pyplot as plt
+    from figures import STYLE
+
     measure = study["measures"][0]
     # Rows that failed have no errors; null is a measure that was not reached, as activation where conduction fails.
     rows = [row for row in study["rows"] if "errors" in row and row["errors"][0] is not None]
@@ -67,15 +67,20 @@ def draw(study):
     return figure
 
 
-def main(folder):
-    folder = Path(folder)
-    figure = draw(json.loads((folder / "trade.json").read_text()))
-    for ending in ("png", "svg"):
-        figure.savefig(folder / f"trade.{ending}", dpi=160)
-    print(f"picture: {folder / 'trade.png'}")
+def make(study, answer):
+    import matplotlib
+
+    matplotlib.use("Agg")
+    matplotlib.rcParams["text.parse_math"] = False
+    figure = draw(json.loads(Path(study).read_text()))
+    for ending in ("svg", "png"):
+        drawn = io.BytesIO()
+        figure.savefig(drawn, dpi=160, format=ending)
+        picture = answer.file(f"trade.{ending}", drawn.getvalue())
+    answer.say(f"picture: {picture}")
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
+    if len(sys.argv) != 4:
         sys.exit(__doc__)
-    main(sys.argv[1])
+    answer_with(make, *sys.argv[1:])

@@ -13,10 +13,10 @@ pre { background: #f6f6f6; padding: 0.8rem; overflow-x: auto; font-size: 12.5px;
 """
 
 
-def write_page(path, result, pictures, sections=()):
+def write_page(answer, result, pictures, sections=()):
     """`sections`: HTML that stands before the scene."""
     missing = result.what_is_missing()
-    write_document(path, result, [
+    return write_document(answer, result, [
         *([f"<p class='flag verdict'>{html.escape(missing)}</p>"] if missing else []),
         _verdicts(result),
         _picture(pictures["wiggers"], _wiggers_caption(result)),
@@ -49,8 +49,8 @@ def _loops_caption(result):
     return "Pressure-volume loops with the phases of their own side." if result.phases else "Pressure-volume loops."
 
 
-def write_document(path, result, parts):
-    """`parts`: HTML between the title and the scene."""
+def write_document(answer, result, parts):
+    """`parts`: HTML between the title and the scene. Returns the page."""
     lines = [
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
         f"<title>{html.escape(result.title)}</title><style>{STYLE}</style></head><body>",
@@ -60,12 +60,12 @@ def write_document(path, result, parts):
         f"<pre>{html.escape(result.scene)}</pre>",
         f"<p><small>{html.escape(result.version)}</small></p></body></html>",
     ]
-    path.write_text("\n".join(lines), encoding="utf-8")
+    return answer.file("index.html", "\n".join(lines).encode("utf-8", "replace"))
 
 
-def _picture(path, caption):
-    svg = path.read_text(encoding="utf-8")
-    return f"<figure>{svg[svg.index('<svg'):]}<figcaption>{caption}</figcaption></figure>"
+def _picture(picture, caption):
+    svg = picture.data.decode()
+    return f"<figure>{svg[svg.index('<svg'):]}<figcaption>{html.escape(caption)}</figcaption></figure>"
 
 
 def _verdicts(result):
@@ -74,13 +74,13 @@ def _verdicts(result):
     if "limit_cycle" in s and not (result.beats == 0 and not result.is_whole_beat):
         cycle = s["limit_cycle"]
         good = cycle["verdict"] == "period-1"
-        rows.append((good, f"limit cycle: {cycle['verdict']}, scaled distance {cycle['distance']:.1e} after "
+        rows.append((good, f"limit cycle: {html.escape(cycle['verdict'])}, scaled distance {cycle['distance']:.1e} after "
                            f"{cycle['beats']} beats, leading multiplier {cycle['multiplier']:.3f}"))
     for name, cell in s.get("cells", {}).items():
         if "limit_cycle" in cell:
             cycle = cell["limit_cycle"]
             rows.append((cycle["verdict"] == "period-1",
-                         f"cells {html.escape(name)}: {cycle['verdict']}, distance {cycle['distance']:.1e} after {cycle['beats']} "
+                         f"cells {html.escape(name)}: {html.escape(cycle['verdict'])}, distance {cycle['distance']:.1e} after {cycle['beats']} "
                          f"beats; calcium {cell['calcium_min_uM']:.3f} to {cell['calcium_max_uM']:.3f} uM at the force model"))
     audits = s["audits"]
     # Both hold over whole beats only: within one, blood and energy are stored on the way.
@@ -154,7 +154,7 @@ def _range_row(result, name):
     if "value" not in r:  # an atrium that does not contract
         return (name, "", r["unit"], f"{r['lower']:.0f} to {r['upper']:.0f}", f"{r['founding_paper']:.1f}", "")
     flag = "below" if r["value"] < r["lower"] else "above" if r["value"] > r["upper"] else ""
-    return (name, f"{r['value']:.1f}", r["unit"], f"{r['lower']:.0f} to {r['upper']:.0f}", f"{r['founding_paper']:.1f}",
+    return (name, f"{r['value']:.1f}", html.escape(r["unit"]), f"{r['lower']:.0f} to {r['upper']:.0f}", f"{r['founding_paper']:.1f}",
             f"<span class='flag'>{flag}</span>")
 
 

@@ -14,12 +14,25 @@ VALVES = ("MV", "AV", "TV", "PV")
 WALL_CHAMBERS = {"ventricles": ("LV", "RV"), "heart": ("LV", "RV", "LA", "RA")}  # of walls around several
 
 
+class ResultFile(h5py.File):
+    """A file whose missing entries are told by name."""
+
+    def __init__(self, path):
+        super().__init__(path, "r")
+
+    def __getitem__(self, name):
+        try:
+            return super().__getitem__(name)
+        except KeyError:
+            raise KeyError(f"entry {name}") from None
+
+
 class Result:
     span = "the beat in the result"  # that its fields should cover
 
     def __init__(self, path):
         self.path = Path(path)
-        with h5py.File(path, "r") as file:
+        with ResultFile(path) as file:
             self.time = file["time"][:]
             self.volume = {c: file[f"cavities/{c}/volume"][:] for c in CHAMBERS}
             self.pressure = {c: file[f"cavities/{c}/pressure"][:] for c in CHAMBERS}

@@ -436,7 +436,7 @@ def lead_chart(tissue, title, unit):
 # ---- everything of one wall ----
 
 
-def make_tissue_pictures(wall, folder):
+def make_tissue_pictures(wall, answer):
     title = wall.result.title
     makers = {"convergence": convergence_chart,
               "leads": lambda _: lead_chart(wall, f"{title}: pseudo-ECG of {wall.name}", wall.lead_unit())}
@@ -444,11 +444,11 @@ def make_tissue_pictures(wall, folder):
         makers = {"cost": lambda _: cost_chart(seconds, f"{title}: cost of {wall.name}", wall.cost_unit())} | makers
     if wall.frames:
         makers |= {"activation": activation_map, "deformation": deformed_views}
-    return make_pictures(wall, makers, folder)
+    return make_pictures(wall, makers, answer)
 
 
-def make_pictures(tissue, makers, folder):
-    """Saves what can be drawn. Returns the pictures by kind; what the fields do not allow goes to `tissue.trouble`."""
+def make_pictures(tissue, makers, answer):
+    """Adds what can be drawn to the answer. Returns the pictures by kind; what the fields do not allow goes to `tissue.trouble`."""
     pictures = {}
     for kind, make in makers.items():
         try:
@@ -458,16 +458,15 @@ def make_pictures(tissue, makers, folder):
             continue
         if figure is None:
             continue
-        path = folder / f"{tissue.name}_{kind}.png"
-        _save(figure, path)
+        pictures[kind] = answer.file(f"{tissue.name}_{kind}.png", _drawn(figure))
         plt.close(figure)
-        pictures[kind] = path
     return pictures
 
 
-def _save(figure, path):
+def _drawn(figure):
     """Drawn twice as large and reduced: patches are painted without smoothing, which would show their seams."""
-    drawn = io.BytesIO()
+    drawn, reduced = io.BytesIO(), io.BytesIO()
     figure.savefig(drawn, dpi=320, format="png")
     picture = Image.open(drawn).convert("RGB")
-    picture.resize((picture.width // 2, picture.height // 2), Image.Resampling.BOX).save(path, optimize=True)
+    picture.resize((picture.width // 2, picture.height // 2), Image.Resampling.BOX).save(reduced, "PNG", optimize=True)
+    return reduced.getvalue()

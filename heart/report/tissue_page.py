@@ -65,12 +65,12 @@ def tissue_section(wall, pictures):
 
 
 def embedded(pictures, kind, captions):
-    """One of the pictures {kind: path} with its caption, inside the page; nothing where there is no such picture."""
+    """One of the pictures {kind: file} with its caption, inside the page; nothing where there is no such picture."""
     if kind not in pictures:
         return ""
-    data = base64.b64encode(pictures[kind].read_bytes()).decode()
+    data = base64.b64encode(pictures[kind].data).decode()
     return (f"<figure><img style='max-width: 100%' alt='{kind}' src='data:image/png;base64,{data}'>"
-            f"<figcaption>{captions[kind]}</figcaption></figure>")
+            f"<figcaption>{html.escape(captions[kind])}</figcaption></figure>")
 
 
 def cost_table(seconds, unit):

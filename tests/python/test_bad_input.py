@@ -1,7 +1,9 @@
 """Bad input is refused with status 2, in words, before any work and without a file."""
 
 import os
+import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 from conftest import COMMAND, DATA, SCENES
@@ -224,3 +226,131 @@ def test_a_saved_state_knows_its_model_and_parameters(wiggers, tmp_path):
     (tmp_path / "unit.csv").write_text(text.replace("V [mV]", "V [V]"))
     unit = wiggers("cell", "crn", *fast, "--start", "unit.csv")
     assert unit.status == 2 and "mV" in unit.err
+
+
+def contents(folder):
+    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_no_input_of_any_kind_is_overwritten(wiggers, tmp_path):
+    """The scene, its base scenes, series, states, loop files and studies, also through links."""
+    shutil.copytree(SCENES, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "l.toml").write_text("period_s = 0.8\n")
+    (tmp_path / "second.toml").write_text('base = "atria_passive.toml"\n')
+    (tmp_path / "ca.csv").write_text("t [s],Ca [uM]\n0,0.1\n0.01,0.2\n")
+    (tmp_path / "sl.csv").write_text("t [s],SL [um]\n0,2.1\n0.01,2.2\n")
+    assert wiggers("cell", "crn", "--beats", 1, "--accuracy", "draft", "--final-state", "start.csv").status == 0
+    assert wiggers("run", "elastance_healthy.toml", "--quiet", "-o", "index.html").status == 0
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study" / "trade.md").write_text("period_s = 0.8\n")
+    for name in ("whole_heart.toml", "start.csv", "ca.csv"):
+        os.link(tmp_path / name, tmp_path / f"hard-{name}")
+        (tmp_path / f"soft-{name}").symlink_to(name)
+    force = ["force", "--calcium", "ca.csv", "--sarcomere-length", "sl.csv"]
+    pace = ["cell", "crn", "--beats", 1, "--start", "start.csv"]
+    before = contents(tmp_path)
+    for words in (
+        ["run", "atria_passive.toml", "-o", "whole_heart.toml", "--set", "run.beats=1"],
+        ["run", "second.toml", "-o", "whole_heart.toml"],
+        ["run", "second.toml", "-o", "atria_passive.toml"],
+        ["run", "second.toml", "-o", "hard-whole_heart.toml"],
+        ["run", "second.toml", "-o", "soft-whole_heart.toml"],
+        ["run", "second.toml", "-o", tmp_path / "study" / ".." / "whole_heart.toml"],
+        ["run", "second.toml", "--accuracy", "draft", "-o", "whole_heart.toml"],
+        ["run", "second.toml", "--resume", "index.html", "-o", "whole_heart.toml"],
+        [*force, "-o", "ca.csv"], [*force, "-o", "sl.csv"], [*force, "-o", "hard-ca.csv"],
+        [*pace, "--final-state", "start.csv"], [*pace, "-o", "soft-start.csv"], [*pace, "-o", "hard-start.csv"],
+        ["loop", "l.toml", "--beats", 1, "-o", "./l.toml"],
+        ["extremes", "second.toml", "-o", "whole_heart.toml"],
+        ["trade", "loop", "study/trade.md", "-o", "study"],
+        ["report", "index.html", "-o", "."],
+    ):
+        outcome = wiggers(*words)
+        assert outcome.status == 2 and "name another file" in outcome.err, (words, outcome.err)
+        assert contents(tmp_path) == before, words
+
+
+def test_a_planted_link_is_not_followed_and_a_device_not_replaced(wiggers, tmp_path):
+    victim = tmp_path / "victim"
+    victim.write_text("kept")
+    words = [COMMAND, "run", SCENES / "elastance_healthy.toml", "--quiet", "-o", tmp_path / "r.h5"]
+    process = subprocess.Popen(["bash", "-c", 'ln -s victim "r.h5.$$.partial"; exec "$0" "$@"', *map(str, words)], cwd=tmp_path,
+                               stdout=subprocess.DEVNULL)
+    assert process.wait() == 0
+    assert victim.read_text() == "kept"
+    (tmp_path / "null").symlink_to("/dev/null")
+    assert wiggers("run", SCENES / "elastance_healthy.toml", "--quiet", "-o", "null").status == 0
+    assert (tmp_path / "null").is_symlink() and Path("/dev/null").is_char_device()
+    (tmp_path / "r.h5").chmod(0o640)
+    assert wiggers("run", SCENES / "elastance_healthy.toml", "--quiet", "-o", "r.h5").status == 0
+    assert (tmp_path / "r.h5").stat().st_mode & 0o777 == 0o640
+
+
+def test_a_scene_from_a_pipe_is_read_once(tmp_path):
+    """Also where it is needed twice; a pipe that nobody fills is refused and does not hang."""
+    words = f"exec {COMMAND} run <(cat {SCENES / 'elastance_healthy.toml'}) --accuracy draft --quiet -o r.h5"
+    process = subprocess.run(["bash", "-c", words], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert process.returncode == 0, process.stderr
+    assert (tmp_path / "r.h5").exists()
+    for words, said in ((["check", "/dev/zero"], "does not end"), (["run", "/dev/null"], "walls.LA is missing"),
+                        (["run", SCENES / "elastance_healthy.toml", "--resume", "/dev/zero", "-o", "x.h5"], "does not end")):
+        process = subprocess.run([COMMAND, *map(str, words)], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+        assert process.returncode == 2 and said in process.stderr, process.stderr
+    os.mkfifo(tmp_path / "pipe")
+    process = subprocess.run([COMMAND, "check", "pipe"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert process.returncode == 2 and "nothing was written to it" in process.stderr
+
+
+@pytest.mark.parametrize("words, nearest", [
+    (["trade", "lop"], "'loop'"),
+    (["run", "x.toml", "--resum", "y"], "'--resume'"),
+    (["cell", "crn", "--beat", 1], "'--beats'"),
+    (["cell", "crn", "--beats", 1, "--perod-ms=500"], "'--period-ms'"),
+    (["trade", "loop", "--tolerence", "pressure=1"], "'--tolerance'"),
+    (["doctr"], "'doctor'"),
+    (["run", "whole_haert.toml"], "'whole_heart.toml'"),
+    (["check", "by_base.toml"], "'whole_heart.toml'"),
+    (["report", "heart.h"], "'heart.h5'"),
+])
+def test_the_nearest_name_is_given(wiggers, tmp_path, words, nearest):
+    (tmp_path / "by_base.toml").write_text('base = "whole_haert.toml"\n')
+    for name in ("whole_heart.toml", "heart.h5"):
+        (tmp_path / name).write_text("")
+    outcome = wiggers(*words)
+    assert outcome.status == 2 and f"did you mean {nearest}?" in outcome.err, outcome.err
+
+
+@pytest.mark.parametrize("name", ["atria/facts", ".", "..", "", "a b", "a" * 101, "a/../b"])
+def test_names_of_cells_that_collide_in_the_result_are_refused(wiggers, tmp_path, name):
+    scene = (SCENES / "whole_heart.toml").read_text().replace("[cells.atria]", f'[cells."{name}"]').replace('"atria"', f'"{name}"')
+    (tmp_path / "s.toml").write_text(scene)
+    outcome = wiggers("check", "s.toml")
+    assert outcome.status == 2 and "names their group" in outcome.err
+
+
+def test_messages_are_bounded(wiggers, tmp_path):
+    scene = (SCENES / "elastance_healthy.toml").read_text()
+    long = "k" * 1_000_000
+    for text in (f"{long} = 1\n" + scene, scene + f"\n[walls.{long}]\nkind = 1\n", scene.replace('"elastance"', f'"{long}"', 1),
+                 f"x = {long}\n", f'base = "{long}"\n', scene + f"\n[solver]\ndt_s = \"{long}\"\n"):
+        (tmp_path / "s.toml").write_text(text)
+        outcome = wiggers("check", "s.toml")
+        assert outcome.status == 2 and 0 < len(outcome.err) < 5000, len(outcome.err)
+    (tmp_path / "c.csv").write_text("t [s],Ca [uM]\n0," + long + "\n")
+    outcome = wiggers("force", "--calcium", "c.csv", "--sarcomere-length", 2)
+    assert outcome.status == 2 and len(outcome.err) < 5000
+
+
+@pytest.mark.parametrize("words", [
+    ["cell", "crn", "--beats", 1, "--sample-ms", 1e-3, "--period-ms", 1e5],
+    ["cell", "crn", "--until", "limit-cycle", "--sample-ms", 1e-3, "--period-ms", 1e5],
+    ["loop", "l.toml", "--beats", 1, "--sample-ms", 1e-3, "--set", "period_s=20"],
+    ["force", "--calcium", 0.3, "--sarcomere-length", 2, "--duration-s", 1e4, "--sample-ms", 1e-3],
+])
+def test_more_rows_than_the_memory_holds_are_refused(tmp_path, words):
+    """Asked for on a machine with 4 GB to give."""
+    (tmp_path / "l.toml").write_text("period_s = 0.8\n")
+    limited = f"ulimit -v 4000000; exec {COMMAND} {' '.join(map(str, words))}"
+    process = subprocess.run(["bash", "-c", limited], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert process.returncode == 2, process.stderr
+    assert "rows" in process.stderr and "GB" in process.stderr

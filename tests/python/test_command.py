@@ -309,9 +309,10 @@ def test_trade_writes_table_picture_and_recommendation(wiggers, tmp_path):
     # A row without a value, as of an activation that never came, does not spoil the picture.
     study["rows"][study["rows"].index(rows[0])]["errors"][0] = None
     (tmp_path / "study" / "trade.json").write_text(json.dumps(study))
-    (tmp_path / "study" / "trade.png").unlink()
-    subprocess.run([sys.executable, SCENES.parent / "heart" / "report" / "make_trade.py", tmp_path / "study"], check=True)
-    assert (tmp_path / "study" / "trade.png").exists()
+    program = SCENES.parent / "heart" / "report" / "make_trade.py"
+    answer = subprocess.run([sys.executable, program, tmp_path / "study" / "trade.json", tmp_path / "study", "1"], check=True,
+                            capture_output=True).stdout
+    assert b"file trade.png " in answer and answer.endswith(b"end - 0\n")
     unmet = wiggers("trade", "loop", "--quiet", "--tolerance", "pressure=1e-12")
     assert unmet.status == 1 and "no setting" in unmet.err
 

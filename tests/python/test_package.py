@@ -3,10 +3,12 @@
 import ast
 import copy
 import importlib
+import json
 import multiprocessing
 import os
 import pickle
 import resource
+import signal
 import subprocess
 import sys
 import threading
@@ -550,3 +552,102 @@ def test_empty_batches(loop):
     shares = []
     loop.batch({"elastance.LV.EA": [2.5, 2.6]}, progress=shares.append)
     assert shares[-1] == 1.0
+
+
+@pytest.mark.parametrize("key, value, words", [
+    ("state", [], "state has 0 numbers"),
+    ("state", 5, "state is 5, wanted is a list"),
+    ("state", ["0x1p0", "nan"], r"state\[1\] is not finite"),
+    ("state", ["0x1p0", "inf"], r"state\[1\] is not finite"),
+    ("state", ["0x1p99999"], "state"),
+    ("state", ["one"], "not a number in hexadecimal"),
+    ("state", [1.5], "not a number in hexadecimal"),
+    ("state", ["0x1p0"], r"state has shape \(1\), wanted is \(12,\)"),
+    ("model", 3, "model is 3, wanted is a text"),
+    ("model", None, "model is missing"),
+    ("parameters", [], "parameters is a list"),
+    ("parameters", {"period_s": "fast"}, "parameters.period_s is 'fast', not a number"),
+    ("parameters", {"period_s": True}, "parameters.period_s is True, not a number"),
+    ("parameters", {"period_s": 10**400}, "parameters.period_s is not finite"),
+    ("indexes", {"LV.EDV_mL": None}, "indexes.LV.EDV_mL is missing"),
+    ("certificate", "period-1", "certificate is 'period-1'"),
+    ("certificate.verdict", "banana", "banana"),
+    ("certificate.verdict", "period1", "did you mean 'period-1'"),
+    ("certificate.verdict", 1, "verdict is 1"),
+    ("certificate.distance", -1, "distance is -1"),
+    ("certificate.beats", -1, "beats is -1"),
+    ("certificate.beats", 2.5, "beats is 2.5"),
+    ("certificate.beats", 2**40, "beats"),
+    ("format", "1", "format is '1'"),
+    ("structure", 1, "structure is 1"),
+])
+def test_a_saved_cycle_is_believed_in_nothing(loop, loop_cycle, tmp_path, key, value, words):
+    path = tmp_path / "cycle.json"
+    loop_cycle.save(path)
+    content = json.loads(path.read_text())
+    place = content
+    *tables, last = key.split(".")
+    for table in tables:
+        place = place[table]
+    place[last] = value
+    path.write_text(json.dumps(content))
+    with pytest.raises(wiggers.InputError, match=words) as refusal:
+        loop.load(path)
+    assert "cycle.json" in str(refusal.value)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "7", "{", '{"format": NaN}', '{"format": 1}', "[" * 100_000, "\x00", "null"])
+def test_files_that_are_no_saved_cycle(tmp_path, text):
+    (tmp_path / "c.json").write_text(text)
+    with pytest.raises(wiggers.InputError, match="c.json"):
+        wiggers.Cycle.load(tmp_path / "c.json")
+
+
+def test_cycles_are_saved_as_the_command_saves(loop_cycle, tmp_path):
+    """Through links, into devices, with the mode kept, and whole or not at all."""
+    path = tmp_path / "cycle.json"
+    victim = tmp_path / "victim"
+    victim.write_text("kept")
+    (tmp_path / "cycle.json.part").symlink_to(victim)
+    loop_cycle.save(path)
+    assert victim.read_text() == "kept" and (tmp_path / "cycle.json.part").is_symlink()
+    path.chmod(0o600)
+    (tmp_path / "link").symlink_to(path)
+    loop_cycle.save(tmp_path / "link")
+    assert (tmp_path / "link").is_symlink() and path.stat().st_mode & 0o777 == 0o600
+    assert np.array_equal(wiggers.Cycle.load(path).state, loop_cycle.state)
+    (tmp_path / "null").symlink_to("/dev/null")
+    loop_cycle.save(tmp_path / "null")
+    assert (tmp_path / "null").is_symlink() and Path("/dev/null").is_char_device()
+    with pytest.raises(wiggers.ResourceError, match="cannot write"):
+        loop_cycle.save("/dev/full")
+    with pytest.raises(wiggers.ResourceError, match="cannot create"):
+        loop_cycle.save(tmp_path / "no" / "folder.json")
+    assert {p.name for p in tmp_path.iterdir()} == {"cycle.json", "cycle.json.part", "victim", "link", "null"}
+
+
+@pytest.mark.parametrize("call", [
+    "wiggers.Loop(dt_s=1e-7).run(beats=5, sample_s=1e-3)",
+    "wiggers.Loop(dt_s=1e-7).to_limit_cycle()",
+    "wiggers.Cell('crn', period_ms=2e4).run(beats=500, sample_ms=100, integrator='rush-larsen')",
+    f"wiggers.Heart({str(SCENE)!r}, set={{'heart.period_s': 20, 'solver.dt_s': 1e-6}}).to_limit_cycle()",
+])
+def test_ctrl_c_is_seen_within_a_long_beat(call):
+    program = f"import wiggers\nprint('begun', flush=True)\n{call}\n"
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "begun\n"
+    time.sleep(1.5)
+    assert process.poll() is None, process.stderr.read()
+    process.send_signal(signal.SIGINT)
+    begin = time.time()
+    error = process.communicate(timeout=60)[1]
+    assert time.time() - begin < 1 and "KeyboardInterrupt" in error and process.returncode != 0
+
+
+@pytest.mark.parametrize("call, words", [
+    (lambda: wiggers.Loop().run(beats=10**6, sample_s=1e-7), "sample_s = 1e-07 asks for .* rows of .* GB"),
+    (lambda: wiggers.Cell("crn").run(beats=10**6, sample_ms=1e-4), "sample_ms = 0.0001 asks for .* rows"),
+])
+def test_more_rows_than_the_memory_holds_are_refused(call, words):
+    with pytest.raises(wiggers.InputError, match=words):
+        call()

@@ -1,9 +1,14 @@
 """The report: pictures that are there and not empty, one self-contained page, honest about incomplete runs."""
 
+import json
 import re
+import shutil
+import subprocess
 
+import h5py
+import numpy as np
 import pytest
-from conftest import SCENES
+from conftest import COMMAND, SCENES
 
 
 @pytest.mark.parametrize("scene", ["whole_heart", "elastance_healthy", "mixed", "triseg", "no_stress_stabilisation"])
@@ -29,3 +34,101 @@ def test_the_default_folder_stands_beside_the_result(wiggers, tmp_path):
     assert wiggers("run", SCENES / "elastance_healthy.toml", "-o", "heart.h5", "--quiet").status == 0
     assert wiggers("report", "heart.h5").status == 0
     assert (tmp_path / "heart-report" / "index.html").exists()
+
+
+@pytest.fixture(scope="module")
+def heart(tmp_path_factory):
+    path = tmp_path_factory.mktemp("heart") / "r.h5"
+    subprocess.run([COMMAND, "run", SCENES / "elastance_healthy.toml", "-o", path, "--quiet"], check=True, capture_output=True)
+    return path
+
+
+def report(folder, *words, before="", **more):
+    process = subprocess.run(["bash", "-c", f'{before} exec "$0" report "$@"', COMMAND, *map(str, words)], cwd=folder,
+                             capture_output=True, text=True, timeout=120, **more)
+    assert "Traceback" not in process.stderr + process.stdout
+    return process
+
+
+def test_a_full_disk_leaves_the_earlier_page(heart, tmp_path):
+    """A limit on file size stands for a full disk."""
+    assert report(tmp_path, heart, "-o", "page").returncode == 0
+    before = {p.name: p.read_bytes() for p in (tmp_path / "page").iterdir()}
+    process = report(tmp_path, heart, "-o", "page", before="ulimit -f 16;")
+    assert process.returncode == 1 and "cannot write" in process.stderr and "Free some space" in process.stderr
+    assert (tmp_path / "page" / "index.html").read_bytes() == before["index.html"]
+    assert {p.name for p in (tmp_path / "page").iterdir()} == set(before)
+    process = report(tmp_path, heart, "-o", "new", before="ulimit -f 16;")
+    assert process.returncode == 1 and not (tmp_path / "new" / "index.html").exists()
+
+
+@pytest.mark.parametrize("damage, said", [
+    (lambda f: f.__delitem__("cavities/LV"), "cavities/LV"),
+    (lambda f: f.__delitem__("summary"), "summary"),
+    (lambda f: (f.__delitem__("summary"), f.__setitem__("summary", b"{ no json")), "JSON"),
+    (lambda f: (f.__delitem__("time"), f.__setitem__("time", b"words")), "damaged"),
+    (lambda f: (f.__delitem__("provenance/scene"), f.__setitem__("provenance/scene", b"= no toml")), "TOML"),
+])
+def test_a_damaged_result_is_told_in_one_line(heart, tmp_path, damage, said):
+    shutil.copy(heart, tmp_path / "r.h5")
+    with h5py.File(tmp_path / "r.h5", "a") as file:
+        damage(file)
+    process = report(tmp_path, "r.h5")
+    assert process.returncode == 2, process.stderr
+    assert "r.h5" in process.stderr and said in process.stderr and process.stderr.count("\n") == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["r.h5"]
+
+
+def test_a_truncated_result(heart, tmp_path):
+    data = heart.read_bytes()
+    (tmp_path / "r.h5").write_bytes(data[: len(data) // 2])
+    process = report(tmp_path, "r.h5")
+    assert process.returncode == 2 and "damaged" in process.stderr
+
+
+def test_what_python_does_not_have_is_named(heart, tmp_path):
+    (tmp_path / "modules").mkdir()
+    (tmp_path / "modules" / "h5py.py").write_text("raise ModuleNotFoundError(\"No module named 'h5py'\", name='h5py')\n")
+    process = report(tmp_path, heart, before=f"export PYTHONPATH={tmp_path}/modules;")
+    assert process.returncode == 1 and "no module h5py" in process.stderr and process.stderr.count("\n") == 1
+    process = report(tmp_path, heart, before="export WIGGERS_PYTHON=/no/python;")
+    assert process.returncode == 1 and "/no/python" in process.stderr
+
+
+def test_texts_of_a_file_are_no_code(wiggers, heart, tmp_path):
+    """Titles, names, units, meanings and warnings; nor do dollars make a title a formula."""
+    evil = "<script>alert('x')</script> $\\frac{1$"
+    shutil.copy(heart, tmp_path / "r.h5")
+    with h5py.File(tmp_path / "r.h5", "a") as file:
+        summary = json.loads(file["summary"][()])
+        summary["title"] = evil
+        summary["warnings"] = [evil]
+        summary["limit_cycle"]["verdict"] = evil
+        summary["cells"] = {evil: {"limit_cycle": summary["limit_cycle"], "calcium_min_uM": 0.1, "calcium_max_uM": 1.0}}
+        for name, text in (("summary", json.dumps(summary)), ("provenance/title", evil), ("provenance/version", evil),
+                           ("provenance/status", evil)):
+            del file[name]
+            file[name] = np.bytes_(text.encode())
+        for item in file["reference_ranges"].values():
+            item["value"].attrs["unit"] = np.bytes_(evil.encode())
+        figure = file.create_dataset("solver/walls/LV/tetrahedra", data=7.0)
+        figure.attrs["unit"] = figure.attrs["meaning"] = np.bytes_(evil.encode())
+        scene = file["provenance/scene"][()].decode().replace('title = "', 'title = "<script>', 1)
+        del file["provenance/scene"]
+        file["provenance/scene"] = np.bytes_(scene.encode())
+    process = report(tmp_path, "r.h5", "-o", "page")
+    assert process.returncode == 0, process.stderr
+    for path in (tmp_path / "page").iterdir():
+        if path.suffix in (".html", ".svg"):
+            text = path.read_text()
+            assert "<script" not in text and "script" in text, path
+
+
+def test_the_result_is_not_replaced_by_its_report(heart, tmp_path):
+    for name in ("index.html", "wiggers.png"):
+        shutil.copy(heart, tmp_path / name)
+        process = report(tmp_path, name, "-o", ".")
+        assert process.returncode == 2 and "name another file" in process.stderr
+        assert (tmp_path / name).read_bytes() == heart.read_bytes()
+        assert [p.name for p in tmp_path.iterdir()] == [name]
+        (tmp_path / name).unlink()

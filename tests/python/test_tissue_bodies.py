@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import SCENES
+from killing import KILLS, kill_until, reseal
 from tissue_runs import COARSE, ENVIRONMENT, datasets, run, sets, words_for
 
 # The whole heart, with cells as they were published: nothing is paced.
@@ -319,3 +320,90 @@ def test_a_stop_on_request_is_kept(tmp_path):
     assert process.returncode != 0
     assert "--resume" in err, err
     assert column(tmp_path / "r.h5", "provenance/status") == b"incomplete"
+
+
+OWN_MESH = """
+title = "own mesh"
+[cells.ventricles]
+ionic = "ttp06-endo"
+start = "published"
+[body]
+physics = "electrophysiology"
+cells = "ventricles"
+mesh = "mesh.msh"
+[body.electrophysiology]
+fields_every_ms = 2
+[body.stimuli.apex]
+z_mm = -66
+start_ms = 0
+radius_mm = 30
+[run]
+end_ms = 20
+checkpoint_every_ms = 2
+"""
+
+
+@pytest.fixture(scope="module")
+def own_mesh(tmp_path_factory):
+    """A scene with its mesh in a file, and the result of a part of it."""
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "s.toml").write_text(OWN_MESH)
+    assert run("mesh", "ellipsoid", "--size-mm", 12, "-o", "mesh.msh", cwd=folder).status == 0
+    outcome = run("run", "s.toml", *sets(run__end_ms=6), "-o", "r.h5", "--quiet", cwd=folder)
+    assert outcome.status == 0, outcome.err
+    return folder
+
+
+def test_meshes_are_not_overwritten(own_mesh, tmp_path):
+    """By results, by fields beside them, by fibres; not through links either."""
+    shutil.copytree(own_mesh, tmp_path, dirs_exist_ok=True)
+    os.link(tmp_path / "mesh.msh", tmp_path / "hard.h5")
+    (tmp_path / "soft.vtu").symlink_to("mesh.msh")
+    (tmp_path / "x.body.fields").mkdir()
+    shutil.copy(tmp_path / "mesh.msh", tmp_path / "x.body.fields" / "frame_000007.msh")
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+    inside = ["--set", "body.mesh=x.body.fields/frame_000007.msh"]
+    for words in (["run", "s.toml", "-o", "mesh.msh"], ["run", "s.toml", "-o", "hard.h5"], ["run", "s.toml", *inside, "-o", "x.h5"],
+                  ["run", "s.toml", "-o", "s.toml"], ["fibres", "mesh.msh", "-o", "soft.vtu"]):
+        outcome = run(*words, cwd=tmp_path)
+        assert outcome.status == 2 and "name another file" in outcome.err, (words, outcome.err)
+        assert before == {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}, words
+
+
+def test_another_mesh_is_another_scene(own_mesh, tmp_path):
+    shutil.copytree(own_mesh, tmp_path, dirs_exist_ok=True)
+    goes_on = run("run", "s.toml", *sets(run__end_ms=8), "--resume", "r.h5", "-o", "on.h5", "--quiet", cwd=tmp_path)
+    assert goes_on.status == 0, goes_on.err
+    text = (tmp_path / "mesh.msh").read_text()
+    place = text.index("$Nodes") + 40
+    digit = re.compile(r"[1-8]").search(text, place).start()
+    (tmp_path / "mesh.msh").write_text(text[:digit] + str(int(text[digit]) + 1) + text[digit + 1:])
+    outcome = run("run", "s.toml", *sets(run__end_ms=8), "--resume", "r.h5", cwd=tmp_path)
+    assert outcome.status == 2 and "another scene" in outcome.err and "content of mesh.msh" in outcome.err
+
+
+@pytest.mark.parametrize("entry, change, said", [("checkpoint/body", {3: np.nan}, "is nan"), ("checkpoint/body", 50, "ends early"),
+                                                 ("checkpoint/run", {0: -1.0}, "negative"), ("checkpoint/run", 2, "ends after"),
+                                                 ("time", 3, "are wanted"), ("body/calcium", {0: np.inf}, "is inf")])
+@pytest.mark.parametrize("sealed", [True, False])
+def test_a_body_without_sense_is_refused(own_mesh, tmp_path, entry, change, said, sealed):
+    shutil.copytree(own_mesh, tmp_path, dirs_exist_ok=True)
+    with h5py.File(tmp_path / "r.h5", "a") as file:
+        old = file[entry][()]
+        if isinstance(change, dict):
+            for at, value in change.items():
+                file[entry][at] = value
+        else:
+            del file[entry]
+            file[entry] = old[:change]
+        if sealed:
+            reseal(file, entry)
+    outcome = run("run", "s.toml", "--resume", "r.h5", "-o", "o.h5", cwd=tmp_path)
+    assert outcome.status == 2, outcome.err
+    assert "r.h5" in outcome.err and (said if sealed else f"/{entry}") in outcome.err
+
+
+def test_a_body_killed_at_random_moments(own_mesh, tmp_path):
+    shutil.copy(own_mesh / "mesh.msh", tmp_path)
+    (tmp_path / "s.toml").write_text(OWN_MESH.replace('"mesh.msh"', f'"{tmp_path / "mesh.msh"}"'))
+    assert kill_until(tmp_path / "runs", max(1, KILLS // 4), tmp_path / "s.toml", []) > 0

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/limit_cycle_solve.hpp>
+#include <wiggers/core/saved_numbers.hpp>
 
 using namespace wiggers;
 
@@ -82,7 +83,7 @@ TEST_CASE("a search restored from its numbers goes on bit for bit") {
   }
   REQUIRE_FALSE(saved.empty());
   LimitCycleSearch resumed(settings, {1, 1, 1});
-  resumed.restore(saved);
+  resumed.restore(SavedNumbers(saved, "search"));
   std::vector<double> y = x_saved;
   while (resumed.running()) y = resumed.next(y, slow_map(y));
   CHECK(y == x);

@@ -66,7 +66,6 @@ void run(const Options& o) {
   if (!std::filesystem::exists(o.mesh) && !std::filesystem::exists(o.mesh + ".pts"))
     throw InputError(fmt::format("{}: no such mesh file", o.mesh));
   require_writable(o.output, "-o");
-  refuse_overwriting(o.output, "-o", o.mesh);
 
   std::vector<std::string> notes;
   const TetMesh mesh = read_mesh(o.mesh, mesh_unit(o.unit), &notes);
