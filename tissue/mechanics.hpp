@@ -121,8 +121,8 @@ class Mechanics {
   // |F f0|^2, |F s0|^2, |F n0|^2 and J of each local cell (its centroid), at displacement().
   std::vector<std::array<double, 4>> cell_deformation() const;
 
-  // Throws NumericalFailure, with the cell, where an accepted state has a smaller volume ratio than tissue can
-  // have.
+  // Throws NumericalFailure, with the cell, where an accepted state has a smaller volume ratio than tissue
+  // can have.
   void require_meaningful(const Balance& balance) const;
 
   // "cell 1234 (volume tag 1) at (x, y, z) mm"

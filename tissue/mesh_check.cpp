@@ -339,7 +339,7 @@ class Check {
     if (thin > 0)
       find(Severity::warning,
            fmt::format(
-               "{} cells of the myocardium ({:.2g} %) reach through the wall with one edge, the first at {}",
+               "{} cells of the myocardium ({:.3g} %) reach through the wall with one edge, the first at {}",
                static_cast<long>(thin), 100 * r_.thin_share, place_text(place)),
            "good enough for a draft, as fibres turn within cells; a finer mesh for what differs across the "
            "wall, "

@@ -87,7 +87,8 @@ TEST_CASE("recovery: the unloaded shape under the image's load is the image", "[
 }
 
 TEST_CASE("recovery: a load that the tissue cannot have carried is said") {
-  const Scene s = scene(passive, {"body.reference.image_pressure_LV_mmHg=95", "body.size_mm=16"});
+  const Scene s = scene(passive, {"body.reference.image_pressure_LV_mmHg=95", "body.size_mm=16",
+                                  "body.materials.ventricles.C_Pa=300"});
   const auto image = make_mesh(plan_of(s), {LV}, "body", MPI_COMM_SELF);
   RecoveryReport report;
   CHECK_THROWS_WITH(
