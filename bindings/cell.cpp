@@ -128,7 +128,9 @@ void bind_cell(py::module_& m) {
           [](CellModelOfPython cell, std::optional<Array> near, double distance, int max_beats,
              const std::string& method, const ProgressCall& progress) {
             std::vector<double> state = near ? cell.state(*near) : start_of(cell.study);
-            const LimitCycleSettings settings = cycle_settings(distance, max_beats, method);
+            LimitCycleSettings settings = cycle_settings(distance, max_beats, method);
+            // A cycle nearby was chosen by the caller.
+            if (!near) settings.attractor = Attractor::paced;
             LimitCycleCertificate certificate;
             {
               py::gil_scoped_release unlock;
@@ -223,7 +225,8 @@ void bind_cell(py::module_& m) {
             for (const std::string& name : names) position.push_back(require_index(known, "parameter", name));
             std::vector<double> start;
             if (near) start = cell.state(*near);
-            const LimitCycleSettings settings = cycle_settings(distance, max_beats, "anderson");
+            LimitCycleSettings settings = cycle_settings(distance, max_beats, "anderson");
+            if (!near) settings.attractor = Attractor::paced;
             const std::vector<std::string> order = indexes;
             const double* values = samples.data();
             py::gil_scoped_release unlock;
@@ -260,8 +263,12 @@ void bind_cell(py::module_& m) {
               if (!share_pacing(studies)) return false;
               const auto results = to_limit_cycles_in_lanes(studies, std::move(states), settings);
               for (std::size_t i = 0; i < group.size(); ++i)
-                fill_row(group[i], results[i].reason,
-                         [&](double* out, double* state) { fill(studies[i], results[i].state, out, state); });
+                fill_row(group[i], "", [&](double* out, double* state) {
+                  if (results[i].settled)
+                    fill(studies[i], results[i].state, out, state);
+                  else
+                    one_by_one(group[i], out, state);
+                });
               return true;
             };
             return run_batch(n, threads, indexes, units, cell.n_states(), one_by_one, progress,

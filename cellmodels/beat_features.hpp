@@ -69,4 +69,8 @@ void visit_features(const std::vector<T>& t, const std::vector<T>& V, const std:
   visit("calcium_time_to_peak_ms", "ms", when);
 }
 
+// What the beats of a cycle of several do, in words: peaks[k] are the highest potential (mV) and calcium (uM)
+// of beat k.
+std::string words_of_beats(const std::vector<std::pair<double, double>>& peaks);
+
 }  // namespace wiggers

@@ -4,6 +4,7 @@
 #include <wiggers/cellmodels/population.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/fixed_step.hpp>
+#include <wiggers/core/rhythm.hpp>
 
 namespace wiggers {
 
@@ -39,6 +40,7 @@ std::vector<LaneResult> to_limit_cycles_in_lanes(std::span<const CellStudy> stud
     std::unique_ptr<PacedCell> cell;
     BeatMap map;
     std::unique_ptr<LimitCycleSearch> search;
+    std::unique_ptr<Rhythm> rhythm;  // of the plain beats
   };
   std::vector<Lane> lanes(studies.size());
   for (std::size_t k = 0; k < studies.size(); ++k) {
@@ -49,6 +51,8 @@ std::vector<LaneResult> to_limit_cycles_in_lanes(std::span<const CellStudy> stud
     lanes[k].map = lanes[k].cell->beat_map(states[k]);
     lanes[k].search =
         std::make_unique<LimitCycleSearch>(settings, lanes[k].map.scales, lanes[k].map.positive);
+    lanes[k].rhythm = std::make_unique<Rhythm>(lanes[k].map.scales);
+    lanes[k].rhythm->see(states[k]);
   }
   const StimulusPulse& pulse = shared.protocol.stimulus;
   const auto span = [&](double length, double current) {
@@ -71,15 +75,19 @@ std::vector<LaneResult> to_limit_cycles_in_lanes(std::span<const CellStudy> stud
       if (!lanes[k].search->running()) continue;
       std::vector<double> image = cells.state_of(k);
       hold_charge(studies[k], image);
+      if (lanes[k].search->certificate().beats < settings.plain_beats) lanes[k].rhythm->see(image);
       states[k] = lanes[k].search->next(states[k], image);
       if (lanes[k].search->running()) lanes[k].map.admit(states[k]);
     }
   }
   std::vector<LaneResult> results;
   for (std::size_t k = 0; k < lanes.size(); ++k) {
-    LaneResult result{states[k], lanes[k].search->certificate(), ""};
-    if (!result.certificate.good()) result.reason = limit_cycle_failure(result.certificate);
-    results.push_back(std::move(result));
+    const LimitCycleSearch& search = *lanes[k].search;
+    const bool settled =
+        search.certificate().good() &&
+        (settings.attractor == Attractor::any ||
+         (lanes[k].rhythm->period() == 1 && search.suspicious_multiplier() < suspicious_multiplier));
+    results.push_back({states[k], search.certificate(), settled});
   }
   return results;
 }

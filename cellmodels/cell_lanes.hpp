@@ -12,7 +12,7 @@ namespace wiggers {
 struct LaneResult {
   std::vector<double> state;  // at stimulus onset
   LimitCycleCertificate certificate;
-  std::string reason;  // empty: solved; else why not
+  bool settled = false;  // found, and as plain pacing would have; others are to be solved one by one
 };
 
 // How many studies fill the lanes.
@@ -22,7 +22,8 @@ inline constexpr std::size_t cells_in_lanes = 8;
 // then be paced together.
 bool share_pacing(std::span<const CellStudy> studies);
 
-// Paces the studies together, each from its own state, until every one's search has ended. Steps are those of
+// Paces the studies together, each from its own state, until every one's search has ended. Those whose rhythm
+// is not plainly one beat, and those without a cycle, are for the search of single cells. Steps are those of
 // the population kernels: not split where the model's rates jump. A cell that leaves its range ends the
 // attempt with NumericalFailure for all; callers then solve them one by one.
 std::vector<LaneResult> to_limit_cycles_in_lanes(std::span<const CellStudy> studies,

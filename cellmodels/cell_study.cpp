@@ -185,7 +185,19 @@ LimitCycleCertificate to_limit_cycle(const CellStudy& study, std::vector<double>
       return image;
     };
   });
-  return find_limit_cycle(map, settings, state, after_beat);
+  LimitCycleCertificate certificate = find_limit_cycle(map, settings, state, after_beat);
+  if (certificate.verdict == LimitCycleVerdict::period_n) {
+    std::vector<std::pair<double, double>> peaks;
+    std::vector<double> y = state;
+    for (int k = 0; k < certificate.period; ++k) {
+      const PacedRows rows = paced_rows(study, y);
+      peaks.push_back({*std::max_element(rows.potential_mV.begin(), rows.potential_mV.end()),
+                       units::uM_per_mM * *std::max_element(rows.calcium_mM.begin(), rows.calcium_mM.end())});
+      y = map.beat(y);
+    }
+    certificate.reason = words_of_beats(peaks);
+  }
+  return certificate;
 }
 
 FixedPointDerivatives newton_at(const CellStudy& study, std::vector<double> state) {

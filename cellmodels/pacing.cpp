@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
+#include <wiggers/cellmodels/beat_features.hpp>
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/fixed_step.hpp>
@@ -290,6 +291,17 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
                       finer.relative_tolerance);
   }
   certificate.beats = beats;
+  if (certificate.verdict == LimitCycleVerdict::period_n) {
+    std::vector<std::pair<double, double>> peaks;
+    std::vector<double> y = state;
+    for (int k = 0; k < certificate.period; ++k) {
+      const BeatRows rows = feature_rows(y);
+      peaks.push_back({*std::max_element(rows.potential_mV.begin(), rows.potential_mV.end()),
+                       units::uM_per_mM * *std::max_element(rows.calcium_mM.begin(), rows.calcium_mM.end())});
+      beat(y);
+    }
+    certificate.reason = words_of_beats(peaks) + (certificate.reason.empty() ? "" : " ") + certificate.reason;
+  }
   if (missed(certificate, settings))
     certificate.reason = fmt::format(
         "The search stopped at the integrator's noise, at {:.0f} times the distance asked for ({:.1g}): {}.",

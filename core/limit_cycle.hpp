@@ -46,6 +46,10 @@ std::string to_string(LimitCycleVerdict verdict, int period = 2);
 // The reverse, with the period; refuses other words with the nearest.
 std::pair<LimitCycleVerdict, int> limit_cycle_verdict(std::string_view text);
 
+// A multiplier that is negative or beyond one, and larger than this, asks for a look at the cycle's
+// stability.
+inline constexpr double suspicious_multiplier = 0.9;
+
 // A search that its map's noise ends farther from the cycle than this has not found it.
 inline constexpr double largest_noisy_distance = 1e-4;
 

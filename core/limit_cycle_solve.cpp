@@ -218,8 +218,6 @@ constexpr int rhythm_beats = 2 * longest_cycle_beats + 3;
 // The states within a round may come nearer to each other, or farther apart, by this factor from one round to
 // the next; more is another rhythm.
 constexpr double largest_change_of_shape = 4;
-// A multiplier beyond this in the search's own estimate asks for a look at the cycle's stability.
-constexpr double suspicious = 0.9;
 constexpr int stability_beats = 6;
 // Following the drift: a jump moves no concentration by more than this share and nothing by more than so
 // much of its scale, along the change of the latest rounds, once two of them differ by less than a tenth.
@@ -460,7 +458,7 @@ class PacedSearch {
   // Whether beats from beside a cycle of one beat alternate ever more, or run away: the search converges to
   // such cycles as well, pacing never does. Then `state` is left where the beats went.
   bool leaves_cycle(State& state) {
-    if (suspicion_ < suspicious) return false;
+    if (suspicion_ < suspicious_multiplier) return false;
     const double small = std::clamp(1e4 * settings_.map_noise, 1e-4, 1e-2);
     State beside = state;
     for (std::size_t i = 0; i < beside.size(); ++i)

@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
@@ -11,9 +12,31 @@ namespace wiggers {
 
 namespace {
 
-PacedCell make_paced_cell(const Scene& scene, const CellType& cell) {
-  return PacedCell(*cell.ionic, cell.ionic_parameters, {scene.period_s * units::ms_per_s, cell.stimulus},
+PacedCell make_paced_cell(const Scene& scene, const CellType& cell, double period_s) {
+  return PacedCell(*cell.ionic, cell.ionic_parameters, {period_s * units::ms_per_s, cell.stimulus},
                    {scene.electrophysiology_integrator, 1e-8, 1e-10, scene.electrophysiology_substep_ms});
+}
+
+// Peak calcium (rescaled, uM) at the period for which a cell's calcium_factor was chosen; 0 if that is the
+// scene's own, or not said, or without a cycle.
+double calcium_where_chosen(const Scene& scene, const CellType& cell) {
+  const double period_s = cell.calcium_factor_period_s;
+  if (period_s == 0 || std::abs(period_s - scene.period_s) < 1e-9 || !cell.from_limit_cycle) return 0;
+  PacedCell there = make_paced_cell(scene, cell, period_s);
+  std::vector<double> state = cell.ionic->default_state();
+  LimitCycleSettings settings;
+  settings.attractor = Attractor::paced;
+  settings.distance = 1e-3;  // a warning's worth
+  if (!there.to_limit_cycle(state, settings).good()) return 0;
+  double low = std::numeric_limits<double>::infinity(), high = 0;
+  there.beat(state, 1.0, [&](double, const double* y, double) {
+    const double calcium = y[cell.ionic->cytosolic_calcium] * units::uM_per_mM;
+    low = std::min(low, calcium);
+    high = std::max(high, calcium);
+  });
+  CalciumRescaling rescaling = cell.rescaling;
+  rescaling.diastolic_uM = low;
+  return rescaling(high);
 }
 
 }  // namespace
@@ -32,7 +55,7 @@ std::map<std::string, PacedCellType> pace_cells(const Scene& scene, Progress::St
   for (const auto& [name, cell] : scene.cells) {
     PacedCellType paced;
     if (cell.ionic) {
-      PacedCell one = make_paced_cell(scene, cell);
+      PacedCell one = make_paced_cell(scene, cell, scene.period_s);
       paced.state_at_onset = cell.ionic->default_state();
       if (cell.from_limit_cycle) {
         Progress progress(fmt::format("cells {} ({})", name, cell.ionic->name), style);
@@ -60,6 +83,7 @@ std::map<std::string, PacedCellType> pace_cells(const Scene& scene, Progress::St
       rescaling.diastolic_uM = low;
       paced.calcium_min_uM = rescaling(low);
       paced.calcium_max_uM = rescaling(high);
+      paced.calcium_max_where_chosen_uM = calcium_where_chosen(scene, cell);
     } else {
       paced.calcium_min_uM = cell.transient.rest_uM;
       paced.calcium_max_uM = cell.transient.peak_uM;

@@ -15,8 +15,9 @@ struct PacedCellType {
   LimitCycleCertificate certificate;  // verdict running: started from the published state
   double calcium_min_uM = 0;          // of one beat, after rescaling
   double calcium_max_uM = 0;
-  double charge_drift_mV = 0;   // of the scheme in one beat
-  double potential_max_mV = 0;  // highest membrane potential of that beat
+  double calcium_max_where_chosen_uM = 0;  // at the period for which the factor was chosen; 0: it is this one
+  double charge_drift_mV = 0;              // of the scheme in one beat
+  double potential_max_mV = 0;             // highest membrane potential of that beat
 };
 
 // All cells of the scene, by name. Throws NumericalFailure when one does not reach its limit cycle.

@@ -54,9 +54,10 @@ void require_possible_cell(const CellType& cell, const std::vector<double>& stat
   const double scene = model.invariant(published.data(), parameters);
   const double saved = model.invariant(state.data(), parameters);
   if (!(std::abs(saved - scene) <= 1e-6 * std::max(1.0, std::abs(scene))))
-    throw InputError(fmt::format("{} is damaged: its conserved charge is {:.6g} mV, the scene's cells have "
-                                 "{:.6g} mV",
-                                 place, saved, scene));
+    throw InputError(
+        fmt::format("{} is damaged: its conserved charge is {:.6g} mV, the scene's cells have "
+                    "{:.6g} mV",
+                    place, saved, scene));
 }
 
 }  // namespace
@@ -164,6 +165,7 @@ void HeartRun::resume(const std::filesystem::path& path) {
     paced.calcium_max_uM = facts.not_negative();
     paced.charge_drift_mV = facts.number();
     paced.potential_max_mV = facts.number();
+    paced.calcium_max_where_chosen_uM = facts.not_negative();
     facts.finish();
     cells_.emplace(name, std::move(paced));
   }
@@ -439,14 +441,15 @@ void HeartRun::write_file(const std::filesystem::path& path, const std::vector<d
     const std::string group = "/checkpoint/cells/" + name;
     if (!paced.state_at_onset.empty())
       file.dataset(group + "/state_at_onset", paced.state_at_onset, "model units", "state at stimulus onset");
-    file.dataset(
-        group + "/facts",
-        {saved_verdict(paced.certificate), paced.certificate.distance,
-         paced.certificate.residual, paced.certificate.multiplier,
-         static_cast<double>(paced.certificate.beats), paced.calcium_min_uM, paced.calcium_max_uM,
-         paced.charge_drift_mV, paced.potential_max_mV},
-        "mixed",
-        "verdict, distance, residual, multiplier, beats, calcium range, charge drift, peak potential");
+    file.dataset(group + "/facts",
+                 {saved_verdict(paced.certificate), paced.certificate.distance, paced.certificate.residual,
+                  paced.certificate.multiplier, static_cast<double>(paced.certificate.beats),
+                  paced.calcium_min_uM, paced.calcium_max_uM, paced.charge_drift_mV, paced.potential_max_mV,
+                  paced.calcium_max_where_chosen_uM},
+                 "mixed",
+                 "verdict, distance, residual, multiplier, beats, calcium range, charge drift, peak "
+                 "potential, peak calcium "
+                 "where the factor was chosen");
   }
   file.dataset("/checkpoint/driver", driver_state, "mixed", "circulation, pressures, flows, walls");
   if (beat_) {

@@ -70,6 +70,7 @@ CellType read_cells(SettingsReader& table, const std::string& name) {
                       "\"published\" or another parameter set",
                       table.place("start")));
     cell.rescaling.factor = table.number(scene_keys::calcium_factor);
+    cell.calcium_factor_period_s = table.number(scene_keys::calcium_factor_period);
     const std::string reading = table.choice("calcium_reading", calcium_reading_names[0],
                                              as_strings(calcium_reading_names), "calcium reading");
     cell.rescaling.reading = reading == "peak" ? CalciumReading::peak : CalciumReading::scaled;
@@ -388,8 +389,9 @@ std::string full_text(const SettingsReader& reader, const Scene& scene) {
 
 // Names of cells are names of groups in the result file.
 void check_cell_name(const SettingsReader& cells, const std::string& name) {
-  const bool plain = !name.empty() && name.size() <= 100 && name != "." && name != ".." &&
-                     std::all_of(name.begin(), name.end(), [](unsigned char c) { return c > 0x20 && c != '/'; });
+  const bool plain =
+      !name.empty() && name.size() <= 100 && name != "." && name != ".." &&
+      std::all_of(name.begin(), name.end(), [](unsigned char c) { return c > 0x20 && c != '/'; });
   if (!plain)
     throw InputError(
         fmt::format("{}: a name of cells names their group in the result file: at most 100 characters, no "

@@ -33,6 +33,7 @@ struct CellType {
   bool from_limit_cycle = true;  // start from the cell's limit cycle, or from its published state
   std::vector<double> force_parameters;
   CalciumRescaling rescaling;
+  double calcium_factor_period_s = 0;  // at which the factor was chosen; 0: not said
 };
 
 // A piece of wall with its own cells and activation.

@@ -9,6 +9,13 @@ inline constexpr Quantity body_surface_area{
     "body_surface_area_m2", "m^2", 1.9, 0.1, 4, "divides volumes into indexed ones"};
 inline constexpr Quantity calcium_factor{
     "calcium_factor", "1", 1, 0, 10, "rescaling of calcium at the force model's door"};
+inline constexpr Quantity calcium_factor_period{"calcium_factor_period_s",
+                                                "s",
+                                                0,
+                                                0,
+                                                20,
+                                                "period at which calcium_factor was chosen: a run at another "
+                                                "one is warned if calcium differs; 0: not said"};
 inline constexpr Quantity calcium_rest{
     "calcium_rest_uM", "uM", 0.05, 0, 2, "prescribed transient: resting calcium"};
 inline constexpr Quantity calcium_peak{

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <wiggers/heart/rate_warnings.hpp>
 #include <wiggers/heart/run.hpp>
 #include <wiggers/heart/summary.hpp>
 
@@ -92,6 +93,9 @@ Json summarise(const HeartRun& run) {
     if (run.scene().cells.at(name).ionic && paced.potential_max_mV < 0)
       warnings.push_back(fmt::format("cells {} do not fire: their potential stays below {:.0f} mV", name,
                                      paced.potential_max_mV));
+  if (b)
+    for (const std::string& warning : rate_warnings(run.trace(), *b, run.cells()))
+      warnings.push_back(warning);
   for (int v : {AV, PV})
     if (b && !b->valve[v].opens_s) warnings.push_back(fmt::format("{} never opens", valve_names[v]));
   if (!run.has_whole_beat()) warnings.push_back("the run was ended within a beat: there are no indexes");

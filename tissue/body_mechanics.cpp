@@ -5,6 +5,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <wiggers/circulation/physical_sense.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
 #include <wiggers/core/saved_numbers.hpp>
@@ -135,7 +136,18 @@ struct MechanicsRun {
       }
     if (any) reach_volumes(*mechanics, wanted_m3, pressures, settings, report);
     newton += report.newton_iterations;
-    mechanics->require_meaningful(mechanics->assemble(pressures, false));
+    const Balance balance = mechanics->assemble(pressures, false);
+    mechanics->require_meaningful(balance);
+    for (std::size_t k = 0; k < chambers.size(); ++k) {
+      const double volume_mL = balance.volumes_m3[k] / units::m3_per_mL;
+      if (!(volume_mL >= physical_sense::volume.lower && volume_mL <= physical_sense::volume.upper))
+        throw NumericalFailure(
+            fmt::format("unphysical: the volume of {} is {:.4g} mL at {:.4g} mmHg; no cavity is outside {} "
+                        "to {} mL. Look at the "
+                        "load, the stiffness of the wall and the unit of the mesh.",
+                        chamber_names[chambers[k]], volume_mL, pressures[k] / units::Pa_per_mmHg,
+                        physical_sense::volume.lower, physical_sense::volume.upper));
+    }
     share = next;
   }
 
@@ -265,8 +277,8 @@ struct MechanicsRun {
     const std::vector<double> flat = file.finite("/checkpoint/points", 3 * points->points.size());
     for (std::size_t k = 0; k < flat.size(); ++k) points->points[k / 3][k % 3] = flat[k];
     build(std::move(points));
-    const std::vector<double> d = file.finite("/checkpoint/displacement",
-                                              3 * static_cast<std::size_t>(mechanics->nodes().n_global));
+    const std::vector<double> d =
+        file.finite("/checkpoint/displacement", 3 * static_cast<std::size_t>(mechanics->nodes().n_global));
     Partition::scatter(mechanics->nodes(), d, mechanics->displacement().data(), 3);
     pressures = file.finite("/checkpoint/pressures", pressures.size());
     SavedNumbers run(file.dataset("/checkpoint/run"), file.place("/checkpoint/run"));

@@ -6,6 +6,9 @@
 #include <cmath>
 #include <random>
 #include <wiggers/circulation/loop.hpp>
+#include <wiggers/circulation/loop_beat.hpp>
+#include <wiggers/circulation/stiffness.hpp>
+#include <wiggers/core/dense.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
 
@@ -270,4 +273,91 @@ TEST_CASE("half the step moves the cycle of a loop as the order says") {
     shifts.push_back(*shift);
   }
   CHECK(shifts[0] / shifts[1] == Approx(2).epsilon(0.1));
+}
+
+TEST_CASE("a stiff valve does not make runge-kutta-4 unstable: the steps are divided, or it is refused") {
+  Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
+  loop.circulation.valves[AV].Rmin = 0.0012;
+  for (const char* law : {"diode", "log-arctan"}) {
+    loop.circulation.valve_law = law == std::string("diode") ? ValveLaw::diode : ValveLaw::log_arctan;
+    CirculationValues by_rk = loop.initial, by_cvode = loop.initial;
+    const auto rk = LoopSolver(loop, {"runge-kutta-4", 1e-9, 1e-9, 1e-3})
+                        .to_limit_cycle(by_rk, loop_cycle_settings(1e-8));
+    const auto cvode =
+        LoopSolver(loop, {"cvode", 1e-9, 1e-9, 1e-3}).to_limit_cycle(by_cvode, loop_cycle_settings(1e-7));
+    CHECK(rk.good());
+    CHECK(cvode.good());
+    for (int k = 0; k < n_circulation_states; ++k)
+      CHECK(by_rk[k] == Approx(by_cvode[k]).epsilon(1e-3).margin(0.05));
+  }
+  loop.circulation.valve_law = ValveLaw::diode;
+  loop.circulation.valves[AV].Rmin = 1e-6;
+  CirculationValues state = loop.initial;
+  CHECK_THROWS_WITH(
+      LoopSolver(loop, {"runge-kutta-4", 1e-9, 1e-9, 1e-3}).to_limit_cycle(state, loop_cycle_settings(1e-8)),
+      Catch::Contains("valve AV") && Catch::Contains("cvode"));
+}
+
+TEST_CASE("no eigenvalue of the loop is beyond the bound of its stiffness") {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> log_factor(std::log(0.3), std::log(3));
+  for (int draw = 0; draw < 50; ++draw) {
+    Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
+    loop.circulation.valve_law = ValveLaw::diode;
+    for_each_loop_parameter(loop, [&](const std::string& name, const Quantity&, double& value) {
+      if (name != "period_s" && name.find(".T") == std::string::npos) value *= std::exp(log_factor(random));
+    });
+    for (double t : {0.0, 0.15, 0.3}) {
+      using Jet = Dual<n_circulation_states>;
+      Jet y[n_circulation_states], dy[n_circulation_states], p[n_chambers];
+      for (int k = 0; k < n_circulation_states; ++k) y[k] = Jet::variable(loop.initial[k], k);
+      loop_pressures(loop, t, y, p);
+      ValveConductances g;
+      const auto drops = valve_drops(p, y);
+      for (int v = 0; v < n_valves; ++v)
+        g[v] = 1 / (drops[v].value > 0 ? loop.circulation.valves[v].Rmin : loop.circulation.valves[v].Rmax);
+      circulation_rates<Jet>(loop.circulation, y, p,
+                             valve_flows<Jet>(loop.circulation, p, y[p_AR_SYS], y[p_AR_PUL]), dy);
+      Eigen::Matrix<double, n_circulation_states, n_circulation_states> J;
+      for (int i = 0; i < n_circulation_states; ++i)
+        for (int k = 0; k < n_circulation_states; ++k) J(i, k) = dy[i].derivative[k];
+      ChamberElastances E;
+      for (int c = 0; c < n_chambers; ++c) E[c] = elastance(loop.elastance[c], t, loop.period_s);
+      const double fastest = J.eigenvalues().cwiseAbs().maxCoeff(),
+                   bound = fastest_rate(loop.circulation, E, g);
+      CHECK(fastest <= bound * (1 + 1e-9));
+      CHECK(bound < 4 * fastest);
+    }
+  }
+}
+
+TEST_CASE("a cycle that no heart can be in is unphysical, whatever the integrator") {
+  Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
+  loop.elastance[LV].V0 = -100;
+  for (const char* integrator : {"runge-kutta-4", "cvode", "forward-euler"}) {
+    CirculationValues state = loop.initial;
+    const auto c =
+        LoopSolver(loop, {integrator, 1e-9, 1e-9, 2e-4}).to_limit_cycle(state, loop_cycle_settings(1e-6));
+    INFO(integrator << ": " << c.text() << " " << c.reason);
+    CHECK(c.verdict == LimitCycleVerdict::unphysical);
+    CHECK_THAT(c.reason,
+               Catch::Contains("volume of LV") && Catch::Contains("no heart is outside 0 to 2000 mL"));
+  }
+}
+
+TEST_CASE("forward-euler does not certify its own oscillation") {
+  Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
+  loop.circulation.valve_law = ValveLaw::log_arctan;
+  loop.circulation.valves[AV].Rmin = 0.0018;
+  CirculationValues state = loop.initial;
+  LimitCycleCertificate c;
+  try {
+    c = LoopSolver(loop, {"forward-euler", 1e-9, 1e-9, 1e-3})
+            .to_limit_cycle(state, loop_cycle_settings(1e-6));
+  } catch (const NumericalFailure& failure) {
+    c.reason = failure.what();
+  }
+  INFO(c.text() << " " << c.reason);
+  CHECK(!c.good());
+  CHECK(!c.reason.empty());
 }

@@ -407,3 +407,11 @@ def test_a_body_killed_at_random_moments(own_mesh, tmp_path):
     shutil.copy(own_mesh / "mesh.msh", tmp_path)
     (tmp_path / "s.toml").write_text(OWN_MESH.replace('"mesh.msh"', f'"{tmp_path / "mesh.msh"}"'))
     assert kill_until(tmp_path / "runs", max(1, KILLS // 4), tmp_path / "s.toml", []) > 0
+
+
+def test_a_cavity_sucked_inside_out_is_no_result(wiggers, tmp_path):
+    outcome = wiggers("run", SCENES / "filling_3d.toml", "--set", "body.size_mm=10", "--set", "body.load.LV.pressure_mmHg=-100",
+                      "--quiet", "-o", tmp_path / "b.h5")
+    assert outcome.status == 1
+    assert "volume" in outcome.err
+    assert "LV" in outcome.err

@@ -1,0 +1,129 @@
+"""Nothing false is called good: inputs off the happy path give the right value, or say why there is none."""
+
+import json
+
+import pytest
+from conftest import SCENES
+
+LOOP = """
+parameters = "wiggers-healthy-0d"
+valve_law = "{law}"
+"""
+
+
+@pytest.fixture
+def loop_file(tmp_path):
+    def make(text):
+        path = tmp_path / "loop.toml"
+        path.write_text(text)
+        return path
+
+    return make
+
+
+def last_json(outcome):
+    return json.loads([line for line in outcome.out.splitlines() if line.startswith("{")][-1])
+
+
+def test_stiff_valves_give_one_answer_by_all_integrators(wiggers, loop_file):
+    file = loop_file(LOOP.format(law="diode"))
+    by = {}
+    for integrator in ("runge-kutta-4", "cvode"):
+        outcome = wiggers("loop", file, "--until", "limit-cycle", "--integrator", integrator, "--quiet", "--json",
+                          "--set", "valves.AV.Rmin=0.0012")
+        assert outcome.status == 0, outcome.err
+        by[integrator] = last_json(outcome)["indexes"]
+    for group, name in (("LV", "EF_percent"), ("LV", "ESV_mL"), ("LV", "pressure_max_mmHg"), ("aorta", "pressure_mean_mmHg")):
+        assert by["runge-kutta-4"][group][name] == pytest.approx(by["cvode"][group][name], rel=1e-3)
+
+
+@pytest.mark.parametrize("words", [
+    ["run", SCENES / "elastance_healthy.toml", "--set", "walls.LV.V0=-100"],
+    ["run", SCENES / "elastance_healthy.toml", "--set", "walls.LV.V0=-100", "--set", "run.until=beats", "--set", "run.beats=9"],
+    ["run", SCENES / "elastance_healthy.toml", "--set", "walls.RV.EA=20", "--set", "walls.RV.EB=15"],
+])
+def test_no_heart_is_good_that_cannot_be(wiggers, tmp_path, words):
+    outcome = wiggers(*words, "--quiet", "--json", "-o", tmp_path / "r.h5")
+    assert outcome.status == 1
+    assert "unphysical" in outcome.err
+    assert last_json(outcome)["limit_cycle"]["verdict"] == "unphysical"
+    assert (tmp_path / "r.h5").exists()
+    # A complete result that is resumed is no better for it.
+    again = wiggers(*words, "--quiet", "--resume", tmp_path / "r.h5")
+    assert again.status == 1
+    assert "unphysical" in again.err
+
+
+def test_a_loop_of_negative_volume_is_unphysical(wiggers, loop_file):
+    file = loop_file(LOOP.format(law="diode"))
+    for words in (["--until", "limit-cycle"], ["--beats", "20"]):
+        outcome = wiggers("loop", file, *words, "--set", "elastance.LV.V0=-90", "--quiet")
+        assert outcome.status == 1
+        assert "volume of LV" in outcome.err
+
+
+def test_features_do_not_depend_on_the_rows_asked_for(wiggers):
+    seen = []
+    for sampling in ([], ["--sample-ms", "0.1"], ["--sample-ms", "7.3"]):
+        outcome = wiggers("cell", "ttp06-epi", "--period-ms", "1000", "--beats", "5", "--quiet", "--json", *sampling)
+        seen.append(last_json(outcome)["features"])
+    for features in seen:
+        assert features["V_peak_mV"] == pytest.approx(38.746, abs=2e-3)
+        assert features["APD90_ms"] == pytest.approx(307.598, abs=2e-3)
+        assert features == pytest.approx(seen[0], rel=1e-12)
+
+
+@pytest.mark.parametrize("words, why", [
+    (["ttp06-epi", "--period-ms", "2000", "--set", "g_Kr=0", "--set", "g_Ks=0", "--beats", "4"], "did not repolarise"),
+    (["ttp06-endo", "--stimulus-A-per-F", "-5", "--beats", "2"], "did not depolarise"),
+    (["ttp06-epi", "--period-ms", "280", "--beats", "8"], "blocked"),
+])
+def test_what_is_no_action_potential_has_no_duration(wiggers, words, why):
+    outcome = wiggers("cell", *words, "--quiet", "--json")
+    summary = last_json(outcome)
+    assert "APD90_ms" not in summary
+    assert why in summary["no_action_potential"]
+    assert why in outcome.out
+
+
+def test_the_attractor_is_the_one_that_pacing_reaches(wiggers):
+    words = ["cell", "ttp06-epi", "--period-ms", "300", "--until", "limit-cycle", "--distance", "1e-4", "--quiet", "--json"]
+    paced = last_json(wiggers(*words))
+    assert paced["limit_cycle"]["verdict"] == "period-2"
+    beats = paced["beats_of_cycle"]
+    peaks = sorted(b["V_peak_mV"] for b in beats)
+    assert peaks == pytest.approx([-24.6, 29.95], abs=0.3)  # every second beat is blocked
+    assert sum("no_action_potential" in b for b in beats) >= 1
+    any_cycle = last_json(wiggers(*words, "--attractor", "any"))
+    assert any_cycle["limit_cycle"]["verdict"] == "period-1"
+    assert any_cycle["APD90_ms"] == pytest.approx(215.8, abs=0.2)
+
+
+@pytest.mark.parametrize("model", ["crn", "ttp06-endo", "ttp06-mid", "ttp06-epi"])
+def test_drafts_find_their_cycles(wiggers, model):
+    outcome = wiggers("cell", model, "--until", "limit-cycle", "--accuracy", "draft", "--quiet", "--json")
+    assert outcome.status == 0, outcome.err
+    assert last_json(outcome)["limit_cycle"]["verdict"] == "period-1"
+
+
+def test_a_rate_that_does_not_suit_the_heart_is_told(wiggers):
+    words = ["run", SCENES / "whole_heart.toml", "--quiet", "--json"]
+    assert last_json(wiggers(*words))["warnings"] == []
+    slow = " ".join(last_json(wiggers(*words, "--set", "heart.period_s=1.2"))["warnings"])
+    assert "calcium_factor" in slow
+    fast = " ".join(last_json(wiggers(*words, "--set", "heart.period_s=0.4"))["warnings"])
+    assert "diastole" in fast or "cut short" in fast or "open at once" in fast
+
+
+def test_each_atrium_has_its_own_kick(wiggers, tmp_path):
+    # Shifting the right atrium alone leaves the left one's phases where they are.
+    def kicks(*more):
+        outcome = wiggers("run", SCENES / "whole_heart.toml", "--quiet", "--json", *more)
+        return last_json(outcome)["indexes"]
+    early, late = kicks(), kicks("--set", "walls.RA.activation_ms=30")
+    assert late["phases"]["left"]["AC"]["begins_s"] == pytest.approx(early["phases"]["left"]["AC"]["begins_s"], abs=1e-9)
+    assert late["phases"]["right"]["AC"]["begins_s"] == pytest.approx(early["phases"]["right"]["AC"]["begins_s"] + 0.03, abs=1e-9)
+    passive = last_json(wiggers("run", SCENES / "atria_passive.toml", "--quiet", "--json"))["indexes"]
+    assert "VpreAC_mL" not in passive["LA"]
+    assert "atrial_kick_percent" not in passive
+    assert "E_over_A" not in passive
