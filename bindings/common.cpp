@@ -184,12 +184,13 @@ void bind_common(py::module_& m) {
       });
 
   py::class_<LimitCycleCertificate>(m, "Certificate", "How close to the limit cycle a search ended.")
-      .def(py::init([](const std::string& verdict, double distance, double residual, double multiplier,
-                       int beats) {
-             return LimitCycleCertificate{limit_cycle_verdict(verdict), distance, residual, multiplier, beats};
-           }),
-           py::arg("verdict"), py::arg("distance"), py::arg("residual"), py::arg("multiplier"),
-           py::arg("beats"))
+      .def(
+          py::init([](const std::string& verdict, double distance, double residual, double multiplier,
+                      int beats) {
+            return LimitCycleCertificate{limit_cycle_verdict(verdict), distance, residual, multiplier, beats};
+          }),
+          py::arg("verdict"), py::arg("distance"), py::arg("residual"), py::arg("multiplier"),
+          py::arg("beats"))
       .def(py::pickle(
           [](const LimitCycleCertificate& c) {
             return py::make_tuple(static_cast<int>(c.verdict), c.distance, c.residual, c.multiplier, c.beats);

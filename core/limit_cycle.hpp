@@ -32,9 +32,9 @@ struct LimitCycleSettings {
 // along one line without slowing down. not_converged: none of these within the beats allowed.
 enum class LimitCycleVerdict { running, period_1, period_2, drifting, not_converged };
 std::string to_string(LimitCycleVerdict verdict);
-inline constexpr std::array limit_cycle_verdicts = {
-    LimitCycleVerdict::running, LimitCycleVerdict::period_1, LimitCycleVerdict::period_2,
-    LimitCycleVerdict::drifting, LimitCycleVerdict::not_converged};
+inline constexpr std::array limit_cycle_verdicts = {LimitCycleVerdict::running, LimitCycleVerdict::period_1,
+                                                    LimitCycleVerdict::period_2, LimitCycleVerdict::drifting,
+                                                    LimitCycleVerdict::not_converged};
 // The verdict with this text; refuses others with the nearest.
 LimitCycleVerdict limit_cycle_verdict(std::string_view name);
 // The verdict with this number in a saved state.

@@ -54,9 +54,10 @@ void require_possible_cell(const CellType& cell, const std::vector<double>& stat
   const double scene = model.invariant(published.data(), parameters);
   const double saved = model.invariant(state.data(), parameters);
   if (!(std::abs(saved - scene) <= 1e-6 * std::max(1.0, std::abs(scene))))
-    throw InputError(fmt::format("{} is damaged: its conserved charge is {:.6g} mV, the scene's cells have "
-                                 "{:.6g} mV",
-                                 place, saved, scene));
+    throw InputError(
+        fmt::format("{} is damaged: its conserved charge is {:.6g} mV, the scene's cells have "
+                    "{:.6g} mV",
+                    place, saved, scene));
 }
 
 }  // namespace

@@ -388,8 +388,9 @@ std::string full_text(const SettingsReader& reader, const Scene& scene) {
 
 // Names of cells are names of groups in the result file.
 void check_cell_name(const SettingsReader& cells, const std::string& name) {
-  const bool plain = !name.empty() && name.size() <= 100 && name != "." && name != ".." &&
-                     std::all_of(name.begin(), name.end(), [](unsigned char c) { return c > 0x20 && c != '/'; });
+  const bool plain =
+      !name.empty() && name.size() <= 100 && name != "." && name != ".." &&
+      std::all_of(name.begin(), name.end(), [](unsigned char c) { return c > 0x20 && c != '/'; });
   if (!plain)
     throw InputError(
         fmt::format("{}: a name of cells names their group in the result file: at most 100 characters, no "

@@ -263,8 +263,8 @@ struct MechanicsRun {
     const std::vector<double> flat = file.finite("/checkpoint/points", 3 * points->points.size());
     for (std::size_t k = 0; k < flat.size(); ++k) points->points[k / 3][k % 3] = flat[k];
     build(std::move(points));
-    const std::vector<double> d = file.finite("/checkpoint/displacement",
-                                              3 * static_cast<std::size_t>(mechanics->nodes().n_global));
+    const std::vector<double> d =
+        file.finite("/checkpoint/displacement", 3 * static_cast<std::size_t>(mechanics->nodes().n_global));
     Partition::scatter(mechanics->nodes(), d, mechanics->displacement().data(), 3);
     pressures = file.finite("/checkpoint/pressures", pressures.size());
     SavedNumbers run(file.dataset("/checkpoint/run"), file.place("/checkpoint/run"));

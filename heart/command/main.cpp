@@ -23,9 +23,10 @@ void hand_over(char** argv) {
   if (none) return;
   const auto other = self.parent_path() / "wiggers-3d";
   if (wiggers::special_file_was_read()) {
-    std::fprintf(stderr,
-                 "wiggers: bad input: this scene needs wiggers-3d, which cannot read a pipe once more: write the "
-                 "scene to a file\n");
+    std::fprintf(
+        stderr,
+        "wiggers: bad input: this scene needs wiggers-3d, which cannot read a pipe once more: write the "
+        "scene to a file\n");
     std::exit(2);
   }
   std::fflush(nullptr);
