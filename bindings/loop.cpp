@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <wiggers/circulation/loop_beat.hpp>
-#include <wiggers/core/settings.hpp>
 #include <wiggers/core/memory.hpp>
+#include <wiggers/core/settings.hpp>
 #include <wiggers/heart/loop_study.hpp>
 
 #include "common.hpp"

@@ -18,10 +18,12 @@ PYBIND11_MODULE(_core, m) {
         wiggers::write_file_atomically(path, bytes);
       },
       pybind11::arg("path"), pybind11::arg("content"),
-      "Writes a file whole or not at all: an earlier one is kept until then, and its mode; devices are written through.");
+      "Writes a file whole or not at all: an earlier one is kept until then, and its mode; devices are "
+      "written through.");
   m.def(
       "read_file", [](const std::string& path) { return pybind11::bytes(wiggers::read_file(path)); },
-      pybind11::arg("path"), "The content of a file; a pipe is read once, and refused where it does not end.");
+      pybind11::arg("path"),
+      "The content of a file; a pipe is read once, and refused where it does not end.");
   wiggers::python::bind_common(m);
   wiggers::python::bind_cell(m);
   wiggers::python::bind_force(m);

@@ -11,7 +11,8 @@ namespace wiggers {
 class Checksum {
  public:
   void add(std::string_view bytes) {
-    for (const char c : bytes) value_ = table()[(value_ ^ static_cast<unsigned char>(c)) & 0xFF] ^ (value_ >> 8);
+    for (const char c : bytes)
+      value_ = table()[(value_ ^ static_cast<unsigned char>(c)) & 0xFF] ^ (value_ >> 8);
   }
   std::uint64_t value() const { return ~value_; }
 

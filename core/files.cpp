@@ -139,7 +139,8 @@ std::optional<pid_t> writer_of(std::string_view file, std::string_view name) {
   const std::size_t dash = file.find('-');
   if (dash == std::string_view::npos || file.front() != '.') return {};
   const std::string_view process = file.substr(1, dash - 1), word = file.substr(dash + 1);
-  if (!all(process, "0123456789") || process.size() > 9 || word.size() != 16 || !all(word, "0123456789abcdef"))
+  if (!all(process, "0123456789") || process.size() > 9 || word.size() != 16 ||
+      !all(word, "0123456789abcdef"))
     return {};
   return static_cast<pid_t>(std::stol(std::string(process)));
 }
@@ -192,9 +193,10 @@ bool touches(const Output& output, const fs::path& input) {
 
 [[noreturn]] void refuse_touching(const Output& output, const fs::path& input) {
   if (output.folder)
-    throw InputError(fmt::format("{}: files in '{}' will be replaced, and '{}' there is an input of this "
-                                 "command; name another file",
-                                 output.option, output.path.string(), input.string()));
+    throw InputError(
+        fmt::format("{}: files in '{}' will be replaced, and '{}' there is an input of this "
+                    "command; name another file",
+                    output.option, output.path.string(), input.string()));
   throw InputError(fmt::format("{}: '{}' is an input of this command; name another file", output.option,
                                output.path.string()));
 }
@@ -236,7 +238,8 @@ void remove_leftovers(const fs::path& target) {
     if (file.number < 0 || ::fstat(file.number, &facts) != 0 || !S_ISREG(facts.st_mode)) continue;
     if (::flock(file.number, LOCK_EX | LOCK_NB) != 0) continue;
     const bool gone = ::kill(*writer, 0) != 0 && errno == ESRCH;
-    if (gone || ::time(nullptr) - facts.st_mtime > old_enough_to_be_left_over_s) left.push_back(entry->path());
+    if (gone || ::time(nullptr) - facts.st_mtime > old_enough_to_be_left_over_s)
+      left.push_back(entry->path());
   }
   for (const fs::path& path : left)
     if (!is_input(path)) ::unlink(path.c_str());
@@ -245,9 +248,10 @@ void remove_leftovers(const fs::path& target) {
 // ---- writing ----
 
 [[noreturn]] void fail(std::string_view what, const fs::path& path, int code, bool kept) {
-  throw ResourceError(fmt::format("cannot {} '{}': {}.{}{}", what, path.string(), std::strerror(code),
-                                  code == ENOSPC || code == EFBIG || code == EDQUOT ? " Free some space." : "",
-                                  kept ? " The earlier file was kept." : ""));
+  throw ResourceError(
+      fmt::format("cannot {} '{}': {}.{}{}", what, path.string(), std::strerror(code),
+                  code == ENOSPC || code == EFBIG || code == EDQUOT ? " Free some space." : "",
+                  kept ? " The earlier file was kept." : ""));
 }
 
 // Returns errno, 0 for success.
@@ -328,7 +332,8 @@ void write_file_atomically(const fs::path& path, std::string_view bytes) {
   };
   if (exists) {
     // An administrator's run leaves a user's file to the user, where the system allows it.
-    if (earlier.st_uid != ::geteuid() && ::fchown(file.number, earlier.st_uid, earlier.st_gid) != 0) errno = 0;
+    if (earlier.st_uid != ::geteuid() && ::fchown(file.number, earlier.st_uid, earlier.st_gid) != 0)
+      errno = 0;
     if (::fchmod(file.number, mode) != 0) give_up("set the mode of", errno);
   }
   try {

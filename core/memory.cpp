@@ -22,9 +22,11 @@ double available_memory() {
     bytes = std::min(bytes, std::max(0.0, limit - used));
   rlimit own{};
   long pages = 0;
-  if (::getrlimit(RLIMIT_AS, &own) == 0 && own.rlim_cur != RLIM_INFINITY && std::ifstream("/proc/self/statm") >> pages)
-    bytes = std::min(bytes, std::max(0.0, static_cast<double>(own.rlim_cur) -
-                                              static_cast<double>(pages) * static_cast<double>(sysconf(_SC_PAGESIZE))));
+  if (::getrlimit(RLIMIT_AS, &own) == 0 && own.rlim_cur != RLIM_INFINITY &&
+      std::ifstream("/proc/self/statm") >> pages)
+    bytes = std::min(
+        bytes, std::max(0.0, static_cast<double>(own.rlim_cur) -
+                                 static_cast<double>(pages) * static_cast<double>(sysconf(_SC_PAGESIZE))));
   return bytes;
 }
 
@@ -33,10 +35,10 @@ void require_memory(double rows, double columns, std::string_view asked_by, std:
   if (bytes < 1e8) return;  // always to be had; the look costs some time
   const double most = 0.25 * available_memory();
   if (bytes <= most) return;
-  throw InputError(
-      fmt::format("{} asks for {:.3g} rows of {:.0f} numbers, {:.3g} GB; a quarter of the memory that is free "
-                  "here is {:.3g} GB, {:.3g} rows. {}",
-                  asked_by, rows, columns, bytes / 1e9, most / 1e9, most / (columns * sizeof(double)), remedy));
+  throw InputError(fmt::format(
+      "{} asks for {:.3g} rows of {:.0f} numbers, {:.3g} GB; a quarter of the memory that is free "
+      "here is {:.3g} GB, {:.3g} rows. {}",
+      asked_by, rows, columns, bytes / 1e9, most / 1e9, most / (columns * sizeof(double)), remedy));
 }
 
 }  // namespace wiggers

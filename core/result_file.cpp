@@ -88,8 +88,8 @@ void mend_first_block(std::string& image) {
   for (std::size_t k = 0; k < 4; ++k) image[checksum_at + k] = static_cast<char>(sum >> (8 * k) & 0xFF);
 }
 
-// A name for a file in memory: none of a file on the disk, and of no other in memory, which HDF5 would take for
-// the same.
+// A name for a file in memory: none of a file on the disk, and of no other in memory, which HDF5 would take
+// for the same.
 std::string name_in_memory() {
   static std::atomic<unsigned long> count{0};
   return fmt::format("/dev/null/wiggers-result-{}", count++);
@@ -136,7 +136,8 @@ ResultWriter::ResultWriter() : implementation_(std::make_unique<Implementation>(
   check(H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_LATEST), "H5Pset_libver_bounds");
   // No times inside: equal results are equal files.
   const Handle creation(H5Pcreate(H5P_FILE_CREATE), H5Pclose, "H5Pcreate");
-  implementation_->file = check(H5Fcreate(name_in_memory().c_str(), H5F_ACC_TRUNC, creation, access), "H5Fcreate");
+  implementation_->file =
+      check(H5Fcreate(name_in_memory().c_str(), H5F_ACC_TRUNC, creation, access), "H5Fcreate");
 }
 ResultWriter::~ResultWriter() = default;
 
@@ -195,8 +196,8 @@ struct ResultReader::Implementation {
     return {id, close, path.c_str()};
   }
 
-  // Whether the entry is there. Links to other places and files are not followed: what they lead to is no part
-  // of this file.
+  // Whether the entry is there. Links to other places and files are not followed: what they lead to is no
+  // part of this file.
   bool has(const std::string& path) const {
     for (std::size_t at = path.find('/', 1);; at = path.find('/', at + 1)) {
       const std::string part = path.substr(0, at);
@@ -231,7 +232,8 @@ struct ResultReader::Implementation {
     const Handle creation = open(H5Dget_create_plist(set), H5Pclose, path);
     const H5D_layout_t layout = H5Pget_layout(creation);
     const bool packed = layout == H5D_CHUNKED;
-    if ((layout != H5D_CONTIGUOUS && layout != H5D_COMPACT && !packed) || H5Pget_external_count(creation) != 0)
+    if ((layout != H5D_CONTIGUOUS && layout != H5D_COMPACT && !packed) ||
+        H5Pget_external_count(creation) != 0)
       refuse(path, "is stored outside the file");
     const double bytes = static_cast<double>(n) * static_cast<double>(H5Tget_size(type));
     if (bytes > (packed ? most_compression : 1) * file_bytes)

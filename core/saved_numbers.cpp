@@ -42,7 +42,8 @@ std::vector<double> SavedNumbers::numbers(std::size_t n) {
 }
 
 void SavedNumbers::finish() const {
-  if (left() > 0) refuse(fmt::format("it holds {} numbers, {} more than belong there", values_.size(), left()));
+  if (left() > 0)
+    refuse(fmt::format("it holds {} numbers, {} more than belong there", values_.size(), left()));
 }
 
 }  // namespace wiggers

@@ -191,10 +191,12 @@ struct ElectrophysiologyRun {
     build({});
     const std::vector<double> state = file.finite("/checkpoint/body");
     std::span<const double> in = state;
-    monodomain->restore(in);
-    if (!in.empty())
-      throw InputError(fmt::format("{} is damaged: it has {} numbers too many", file.place("/checkpoint/body"),
-                                   in.size()));
+    try {
+      monodomain->restore(in);
+      if (!in.empty()) throw InputError(fmt::format("it has {} numbers too many", in.size()));
+    } catch (const InputError& error) {
+      throw InputError(fmt::format("{}: {}", file.place("/checkpoint/body"), error.what()));
+    }
     SavedNumbers run(file.dataset("/checkpoint/run"), file.place("/checkpoint/run"));
     time_s = run.not_negative();
     start_s = run.not_negative();

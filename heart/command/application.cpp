@@ -23,7 +23,8 @@ std::string unknown_word(const CLI::App& app, const std::vector<std::string>& wo
            (nearest.empty() ? "." : "; did you mean '" + nearest + "'?") + " See " + said + " --help";
   };
   for (const std::string& word : words) {
-    const bool option = word.size() > 1 && word[0] == '-' && !(word[1] >= '0' && word[1] <= '9') && word[1] != '.';
+    const bool option =
+        word.size() > 1 && word[0] == '-' && !(word[1] >= '0' && word[1] <= '9') && word[1] != '.';
     if (option) {
       const std::string name = word.substr(0, word.find('='));
       if (word.starts_with("--") ? at->get_option_no_throw(name) != nullptr
@@ -79,7 +80,8 @@ int run_application(int argc, char** argv, const std::function<void(CLI::App&)>&
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
     std::string message = error.what();
-    if (const std::string better = unknown_word(app, {argv + 1, argv + argc}); !better.empty()) message = better;
+    if (const std::string better = unknown_word(app, {argv + 1, argv + argc}); !better.empty())
+      message = better;
     std::fprintf(stderr, "wiggers: bad input: %s\n", presentable(message).c_str());
     return 2;
   } catch (const TissueNeeded&) {

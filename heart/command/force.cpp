@@ -143,9 +143,10 @@ void run_force(const Options& o) {
   if (!(end > begin)) throw InputError("nothing to integrate over: give a series, --duration-s, or --steady");
   check_option("--duration-s", end - begin, 1e-6, 1e4);
   check_option("--sample-ms", o.sample_ms, 1e-3, 1e3 * (end - begin));
-  require_memory(1e3 * (end - begin) / o.sample_ms,
-                 static_cast<double>(1 + model.inputs.size() + model.observables.size() + model.states.size()),
-                 fmt::format("--sample-ms {} over {} s", o.sample_ms, end - begin), "Take a larger --sample-ms.");
+  require_memory(
+      1e3 * (end - begin) / o.sample_ms,
+      static_cast<double>(1 + model.inputs.size() + model.observables.size() + model.states.size()),
+      fmt::format("--sample-ms {} over {} s", o.sample_ms, end - begin), "Take a larger --sample-ms.");
   check_option("--beats", o.beats, 1, 1e6);
   check_option("--rtol", o.rtol, 1e-13, 0.1);
   check_option("--atol", o.atol, 1e-18, 1);

@@ -19,9 +19,10 @@ namespace {
 // Returns only if there is no such executable.
 void hand_over(char** argv) {
   if (wiggers::special_file_was_read()) {
-    std::fprintf(stderr,
-                 "wiggers: bad input: this scene needs wiggers-3d, which cannot read a pipe once more: write the "
-                 "scene to a file\n");
+    std::fprintf(
+        stderr,
+        "wiggers: bad input: this scene needs wiggers-3d, which cannot read a pipe once more: write the "
+        "scene to a file\n");
     std::exit(2);
   }
   std::fflush(nullptr);

@@ -123,21 +123,24 @@ void write_report(const std::string& program, const fs::path& subject, const fs:
   ::close(pipe);
   const int status = status_of(child);
   check_interrupt();
-  if (status == 127) throw ResourceError(fmt::format("cannot start Python as '{}'; set WIGGERS_PYTHON", python));
+  if (status == 127)
+    throw ResourceError(fmt::format("cannot start Python as '{}'; set WIGGERS_PYTHON", python));
   const auto parts = parts_of(answer);
   if (!parts)
-    throw ResourceError(status > 128
-                            ? fmt::format("the report program was ended by signal {}", status - 128)
-                            : fmt::format("the report program ended with status {} before its answer", status));
+    throw ResourceError(
+        status > 128 ? fmt::format("the report program was ended by signal {}", status - 128)
+                     : fmt::format("the report program ended with status {} before its answer", status));
   for (const Part& part : *parts) {
     if (part.kind == "refuse") throw InputError(part.bytes);
     if (part.kind == "fail") throw ResourceError(part.bytes);
-    if (part.kind == "file" && (part.name.empty() || part.name[0] == '.' || part.name.find('/') != std::string::npos))
+    if (part.kind == "file" &&
+        (part.name.empty() || part.name[0] == '.' || part.name.find('/') != std::string::npos))
       throw InputError(fmt::format("'{}': a wall has a name that is no name of a file", subject.string()));
   }
   std::error_code failed;
   const bool made = fs::create_directories(folder, failed);
-  if (failed) throw ResourceError(fmt::format("cannot make the folder '{}': {}", folder.string(), failed.message()));
+  if (failed)
+    throw ResourceError(fmt::format("cannot make the folder '{}': {}", folder.string(), failed.message()));
   try {
     for (const Part& part : *parts)
       if (part.kind == "file") require_writable(folder / part.name, "-o");

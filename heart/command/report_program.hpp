@@ -1,5 +1,5 @@
-// Where the report's Python programs and their interpreter are, and how their answer is taken: they draw, this
-// command writes (see heart/report/answer.py).
+// Where the report's Python programs and their interpreter are, and how their answer is taken: they draw,
+// this command writes (see heart/report/answer.py).
 #pragma once
 
 #include <filesystem>

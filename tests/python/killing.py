@@ -67,12 +67,19 @@ def kill_until(folder, kills, scene, settings):
     return rounds
 
 
+def _crc64_of(byte):
+    for _ in range(8):
+        byte = byte >> 1 ^ (0xC96C5795D7870F42 if byte & 1 else 0)
+    return byte
+
+
+CRC64 = [_crc64_of(byte) for byte in range(256)]
+
+
 def crc64(data):
     value = 2**64 - 1
     for byte in data:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xC96C5795D7870F42 if value & 1 else 0)
+        value = CRC64[(value ^ byte) & 255] ^ value >> 8
     return value ^ 2**64 - 1
 
 

@@ -331,7 +331,6 @@ start = "published"
 physics = "electrophysiology"
 cells = "ventricles"
 mesh = "mesh.msh"
-[body.electrophysiology]
 fields_every_ms = 2
 [body.stimuli.apex]
 z_mm = -66

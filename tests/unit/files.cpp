@@ -227,8 +227,8 @@ TEST_CASE("pipes are read once, and not for ever; a missing file names its neigh
   CHECK(special_file_was_read());
   CHECK_THROWS_WITH(read_file("/dev/zero"), Catch::Contains("does not end"));
   std::ofstream(folder.path / "whole_heart.toml") << "x";
-  CHECK_THROWS_WITH(read_file(folder.path / "whole_haert.toml"), Catch::Contains("did you mean") &&
-                                                                     Catch::Contains("whole_heart.toml"));
+  CHECK_THROWS_WITH(read_file(folder.path / "whole_haert.toml"),
+                    Catch::Contains("did you mean") && Catch::Contains("whole_heart.toml"));
 }
 
 TEST_CASE("entries of another kind, rank or length are refused with their name, and nothing is read") {
@@ -289,7 +289,8 @@ TEST_CASE("a result of which one bit changed is refused, wherever it is") {
   {
     ResultWriter writer;
     for (int k = 0; k < 40; ++k)
-      writer.dataset("/checkpoint/part" + std::to_string(k), std::vector<double>(20, 0.1 * k), "mL", "numbers");
+      writer.dataset("/checkpoint/part" + std::to_string(k), std::vector<double>(20, 0.1 * k), "mL",
+                     "numbers");
     writer.text("/provenance/scene", "title = \"x\"\n");
     writer.write(file);
   }
@@ -341,7 +342,8 @@ TEST_CASE("requests that fill the memory are refused with the numbers") {
 }
 
 TEST_CASE("messages quote a bounded, printable part of what stands in a file") {
-  const std::string message = InputError("unknown key '" + std::string(10'000'000, 'k') + "'; known: a, b").what();
+  const std::string message =
+      InputError("unknown key '" + std::string(10'000'000, 'k') + "'; known: a, b").what();
   CHECK(message.size() < 1000);
   CHECK(message.starts_with("unknown key 'kkk"));
   CHECK(message.ends_with("'; known: a, b"));
