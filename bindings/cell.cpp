@@ -181,7 +181,7 @@ void bind_cell(py::module_& m) {
                     table->columns[c++].values.push_back(y[i]);
                   table->columns[c].values.push_back(current);
                 });
-                after_beat(progress)({LimitCycleVerdict::running, 0, 0, 0, beat + 1});
+                after_beat(progress)(beats_done(beat + 1));
               }
             }
             return py::make_tuple(table, owned(std::move(state)));

@@ -77,6 +77,12 @@ void check_signals() {
   if (PyErr_CheckSignals() != 0) throw py::error_already_set();
 }
 
+LimitCycleCertificate beats_done(int beats) {
+  LimitCycleCertificate certificate;
+  certificate.beats = beats;
+  return certificate;
+}
+
 std::function<void(const LimitCycleCertificate&)> after_beat(const ProgressCall& progress) {
   return [progress](const LimitCycleCertificate& c) {
     check_signals();
@@ -242,9 +248,7 @@ void bind_common(py::module_& m) {
       .def(py::init([](const std::string& verdict, double distance, double residual, double multiplier,
                        int beats, const std::string& reason) {
              const auto [v, period] = limit_cycle_verdict(verdict);
-             LimitCycleCertificate c{v, distance, residual, multiplier, beats, period};
-             c.reason = reason;
-             return c;
+             return LimitCycleCertificate{v, distance, residual, multiplier, beats, period, false, reason};
            }),
            py::arg("verdict"), py::arg("distance"), py::arg("residual"), py::arg("multiplier"),
            py::arg("beats"), py::arg("reason") = "")
@@ -254,10 +258,14 @@ void bind_common(py::module_& m) {
           },
           [](const py::tuple& t) {
             const auto [verdict, period] = limit_cycle_verdict(t[0].cast<std::string>());
-            LimitCycleCertificate c{verdict,           t[1].cast<double>(), t[2].cast<double>(),
-                                    t[3].cast<double>(), t[4].cast<int>(),    period};
-            c.reason = t[5].cast<std::string>();
-            return c;
+            return LimitCycleCertificate{verdict,
+                                         t[1].cast<double>(),
+                                         t[2].cast<double>(),
+                                         t[3].cast<double>(),
+                                         t[4].cast<int>(),
+                                         period,
+                                         false,
+                                         t[5].cast<std::string>()};
           }))
       .def("__eq__", &equal_states, py::is_operator())
       .def_property_readonly("verdict", [](const LimitCycleCertificate& c) { return c.text(); })

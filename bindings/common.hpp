@@ -36,6 +36,7 @@ void append_beat(Table& table, const Table& beat, double begin);
 // Calls Python's signal handlers, so that Ctrl-C ends a long call: the interpreter's lock is taken for it.
 void check_signals();
 // After every beat: signals, then the caller's progress function if there is one.
+LimitCycleCertificate beats_done(int beats);  // what after_beat is told of beats that are no search
 std::function<void(const LimitCycleCertificate&)> after_beat(const ProgressCall& progress);
 std::function<void(double)> after_pass(const std::function<void(double)>& progress);
 

@@ -133,7 +133,7 @@ void bind_heart(py::module_& m) {
                   *table = rows;
                 else
                   append_beat(*table, rows, beat * study->scene().period_s);
-                after_beat(progress)({LimitCycleVerdict::running, 0, 0, 0, beat + 1});
+                after_beat(progress)(beats_done(beat + 1));
               }
             }
             return py::make_tuple(table, owned(std::move(state.driver)));

@@ -224,7 +224,7 @@ void bind_loop(py::module_& m) {
                 Table rows = circulation_table();
                 solver.beat(state, sample_s, &rows);
                 append_beat(*table, rows, beat * model.loop.period_s);
-                after_beat(progress)({LimitCycleVerdict::running, 0, 0, 0, beat + 1});
+                after_beat(progress)(beats_done(beat + 1));
               }
             }
             return py::make_tuple(table, owned({state.begin(), state.end()}));

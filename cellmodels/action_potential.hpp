@@ -40,8 +40,8 @@ T crossing_time(const std::vector<T>& t, const std::vector<T>& y, std::size_t k,
 
 // A cell above this is not at rest (mV): between the resting potentials and the thresholds of all models.
 inline constexpr double depolarised_mV = -40;
-// An upstroke is at least so high (mV).
-inline constexpr double smallest_upstroke_mV = 30;
+// An upstroke is at least so high, and reaches at least this (mV): less is the stimulus and what it stirs.
+inline constexpr double smallest_upstroke_mV = 30, smallest_peak_mV = -10;
 
 // Why a beat from stimulus to stimulus is no action potential, in words; empty if it is one.
 template <class T>
@@ -55,7 +55,8 @@ std::string no_action_potential(const std::vector<T>& V) {
   if (peak < depolarised_mV) return "did not depolarise: the stimulus is below threshold";
   if (end > depolarised_mV) return "did not repolarise";
   if (begin > depolarised_mV) return "blocked: the stimulus came while the cell was depolarised";
-  if (peak - begin < smallest_upstroke_mV) return "blocked: no upstroke followed the stimulus";
+  if (peak - begin < smallest_upstroke_mV || peak < smallest_peak_mV)
+    return "blocked: no full upstroke followed the stimulus";
   return "";
 }
 

@@ -271,6 +271,7 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
     finer.absolute_tolerance = std::max(1e-16, 0.01 * finer.absolute_tolerance);
     LimitCycleSettings rest = settings;
     rest.max_beats = settings.max_beats - beats;
+    rest.known_multiplier = certificate.multiplier;
     std::vector<double> closer = state;
     PacedCell cell(model_, parameters_, protocol_, finer);
     LimitCycleCertificate next;

@@ -26,6 +26,10 @@ double largest_explicit_step(const CirculationParameters& c) {
   return step;
 }
 
+double largest_arterial_step(const CirculationParameters& c) {
+  return 2 * std::min(c.valves[AV].Rmin * c.circuits[SYS].C_AR, c.valves[PV].Rmin * c.circuits[PUL].C_AR);
+}
+
 void check_elastance(const ElastanceParameters& e, double period, const char* place) {
   if (e.TC + e.TR > period * (1 + 1e-12))
     throw InputError(

@@ -120,5 +120,7 @@ double dissipated_power(const CirculationParameters& c, const double* y, const d
 // Explicit Euler of the venous branch is stable for steps below 2 L_VEN/R_VEN; the smaller one of the two
 // circuits (s).
 double largest_explicit_step(const CirculationParameters& c);
+// The same for the arteries, which the open outlet valve fills: below 2 Rmin C_AR (s).
+double largest_arterial_step(const CirculationParameters& c);
 
 }  // namespace wiggers

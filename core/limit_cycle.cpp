@@ -101,8 +101,10 @@ void take_verdict(SavedNumbers& in, LimitCycleCertificate& c) {
 
 std::string limit_cycle_failure(const LimitCycleCertificate& c) {
   if (c.verdict == LimitCycleVerdict::unphysical) return c.reason;
-  return fmt::format("no limit cycle of one beat: {} after {} beats, distance {:.2g}.{}{}", c.text(), c.beats,
-                     c.distance, c.reason.empty() ? "" : " ", c.reason);
+  return fmt::format("{}: {} after {} beats, distance {:.2g}.{}{}",
+                     c.verdict == LimitCycleVerdict::period_n ? "no limit cycle of one beat"
+                                                              : "the limit cycle was not reached",
+                     c.text(), c.beats, c.distance, c.reason.empty() ? "" : " ", c.reason);
 }
 
 LimitCycleSearch::LimitCycleSearch(LimitCycleSettings settings, std::vector<double> scales,
@@ -110,7 +112,9 @@ LimitCycleSearch::LimitCycleSearch(LimitCycleSettings settings, std::vector<doub
     : settings_(settings),
       scales_(std::move(scales)),
       positive_(std::move(positive)),
-      plain_left_(settings.plain_beats) {}
+      plain_left_(settings.plain_beats) {
+  certificate_.multiplier = settings.known_multiplier;
+}
 
 std::vector<double> LimitCycleSearch::unscaled(const std::vector<double>& x,
                                                const std::vector<double>& f) const {

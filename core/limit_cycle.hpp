@@ -33,6 +33,7 @@ struct LimitCycleSettings {
   int plain_beats = 3;       // beats before acceleration starts; the fast transient would spoil the model
   int relaxing_beats = 1;    // plain beats after each jump, in which the fast directions catch up
   int max_beats = 2000;
+  double known_multiplier = 0;  // of an earlier search near this cycle; the distance counts with it
 };
 
 // period_1: a cycle of one beat. period_n: one of several beats, two of them are alternans (the certificate

@@ -218,7 +218,9 @@ constexpr int rhythm_beats = 2 * longest_cycle_beats + 3;
 // The states within a round may come nearer to each other, or farther apart, by this factor from one round to
 // the next; more is another rhythm.
 constexpr double largest_change_of_shape = 4;
-constexpr int stability_beats = 6;
+constexpr int stability_rounds = 6;
+// Rounds that leave an unstable cycle, so that what they go to shows.
+constexpr int plain_beats_after = 30;
 // Following the drift: a jump moves no concentration by more than this share and nothing by more than so
 // much of its scale, along the change of the latest rounds, once two of them differ by less than a tenth.
 constexpr double drift_share = 0.03;
@@ -244,13 +246,23 @@ class PacedSearch {
       const Outcome outcome = accelerate(found, period);
       if (outcome == Outcome::converged) {
         const int beats = beats_of_cycle(found, period);
-        if (beats > 1 || !leaves_cycle(found)) {
+        const Stability stability = stability_of(found, beats);
+        if (stability == Stability::stable) {
           state = found;
           certificate_.period = beats;
           if (beats > 1) certificate_.verdict = LimitCycleVerdict::period_n;
           certificate_.beats = spent_;
           return certificate_;
         }
+        // Its beats went somewhere else, and on from there: if they alternate, to a cycle twice as long, at
+        // first.
+        state = found;
+        rhythm_.forget();
+        rhythm_.see(state);
+        period = pace_until_clear(state, rhythm_beats + plain_beats_after * beats);
+        if (stability == Stability::alternates && period == beats && 2 * beats <= longest_cycle_beats)
+          period = 2 * beats;
+        continue;
       }
       // Beats from where the search ended tell whether there is another rhythm, or whether all that is left
       // of the change is the map's noise.
@@ -288,6 +300,7 @@ class PacedSearch {
 
  private:
   enum class Outcome { converged, stalled, rhythm_changed };
+  enum class Stability { stable, alternates, runs_away };
 
   State one_beat(const State& start) {
     State image = map_.beat(start);
@@ -347,6 +360,7 @@ class PacedSearch {
   Outcome accelerate(State& state, int period) {
     LimitCycleSettings own = settings_;
     own.plain_beats = 0;
+    own.known_multiplier = std::max(settings_.known_multiplier, certificate_.multiplier);
     own.max_beats = std::clamp((settings_.max_beats - spent_) / period, 3, most_rounds);
     LimitCycleSearch search(own, map_.scales, map_.positive);
     Round round(*this, period);
@@ -455,18 +469,18 @@ class PacedSearch {
     return period;
   }
 
-  // Whether beats from beside a cycle of one beat alternate ever more, or run away: the search converges to
-  // such cycles as well, pacing never does. Then `state` is left where the beats went.
-  bool leaves_cycle(State& state) {
-    if (suspicion_ < suspicious_multiplier) return false;
+  // Whether rounds from beside a cycle come back to it: the search converges to cycles as well that pacing
+  // leaves. Then `state` is where the rounds went.
+  Stability stability_of(State& state, int beats) {
+    if (suspicion_ < suspicious_multiplier) return Stability::stable;
     const double small = std::clamp(1e4 * settings_.map_noise, 1e-4, 1e-2);
     State beside = state;
     for (std::size_t i = 0; i < beside.size(); ++i)
       beside[i] += (i % 2 == 0 ? small : -small) * std::min(map_.scales[i], std::abs(beside[i]) + 1e-3);
     map_.admit(beside);
     std::vector<State> away;
-    for (int n = 0; n < stability_beats; ++n) {
-      beside = one_beat(beside);
+    for (int n = 0; n < stability_rounds; ++n) {
+      for (int k = 0; k < beats; ++k) beside = one_beat(beside);
       State difference(beside.size());
       for (std::size_t i = 0; i < beside.size(); ++i) difference[i] = (beside[i] - state[i]) / map_.scales[i];
       away.push_back(std::move(difference));
@@ -483,12 +497,12 @@ class PacedSearch {
       for (double x : v) largest = std::max(largest, std::abs(x));
       return largest;
     };
-    const double first = alternation(stability_beats - 4), last = alternation(stability_beats - 2);
+    const double first = alternation(stability_rounds - 4), last = alternation(stability_rounds - 2);
     const bool alternates = last >= first && last > 100 * settings_.map_noise;
     const bool runs_away = size(away.back()) > 3 * size(away.front());
-    if (!alternates && !runs_away) return false;
+    if (!alternates && !runs_away) return Stability::stable;
     state = beside;
-    return true;
+    return alternates ? Stability::alternates : Stability::runs_away;
   }
 
   LimitCycleCertificate gave_up() {

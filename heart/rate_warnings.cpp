@@ -13,7 +13,7 @@ constexpr double largest_rest_share = 0.1;       // of the peak tension, left in
 constexpr double smallest_tension_kPa = 1;       // below there is no contraction to speak of
 constexpr double longest_overlap_s = 5e-3;       // both valves of a side open
 constexpr double smallest_forward_mL_per_s = 5;  // a valve that passes less is not open in earnest
-constexpr double fast_still = 0.5;               // of the E wave, when the atrium contracts
+constexpr double shortest_filling_s = 0.1;       // from the inlet's opening to the atrium's contraction
 constexpr double largest_calcium_change = 0.15;
 
 void tensions(const Table& beat, std::vector<std::string>& out) {
@@ -44,22 +44,22 @@ void overlaps(const Table& beat, std::vector<std::string>& out) {
   }
 }
 
-void fillings(const Table& beat, const BeatIndexes& indexes, std::vector<std::string>& out) {
-  const auto& t = beat.at("t_s").values;
+void fillings(const BeatIndexes& indexes, std::vector<std::string>& out) {
   for (int side = 0; side < 2; ++side) {
-    const int inlet = side == 0 ? MV : TV;
+    const ValveTimes& inlet = indexes.valve[side == 0 ? MV : TV];
     const auto& activation = indexes.atrial_activation_s[side];
-    if (!activation || !indexes.E_mL_per_s[side] || !indexes.valve[inlet].opens_s) continue;
-    const auto& Q = beat.at(fmt::format("Q_{}", valve_names[inlet])).values;
-    const auto row = static_cast<std::size_t>(std::lower_bound(t.begin(), t.end(), *activation) - t.begin());
-    const double until = wrapped(*activation - *indexes.valve[inlet].opens_s, indexes.period_s);
-    const double left = Q[std::min(row, Q.size() - 1)];
-    if (left > fast_still * *indexes.E_mL_per_s[side] && left > smallest_forward_mL_per_s)
-      out.push_back(fmt::format(
-          "filling of {} is cut short: {:.0f} ms after {} opens the atrium contracts, while {:.0f} of "
-          "{:.0f} mL/s still flow in",
-          chamber_names[side == 0 ? LV : RV], 1e3 * until, valve_names[inlet], left,
-          *indexes.E_mL_per_s[side]));
+    if (!activation || !inlet.opens_s || !inlet.closes_s) continue;
+    const double open = wrapped(*inlet.closes_s - *inlet.opens_s, indexes.period_s);
+    const double until = wrapped(*activation - *inlet.opens_s, indexes.period_s);
+    const std::string_view ventricle = chamber_names[side == 0 ? LV : RV],
+                           valve = valve_names[side == 0 ? MV : TV];
+    if (until > open)
+      out.push_back(fmt::format("filling of {} is cut short: the atrium contracts while {} is closed",
+                                ventricle, valve));
+    else if (until < shortest_filling_s)
+      out.push_back(
+          fmt::format("filling of {} is cut short: {} opens only {:.0f} ms before the atrium contracts",
+                      ventricle, valve, 1e3 * until));
   }
 }
 
@@ -70,7 +70,7 @@ std::vector<std::string> rate_warnings(const Table& beat, const BeatIndexes& ind
   std::vector<std::string> out;
   tensions(beat, out);
   overlaps(beat, out);
-  fillings(beat, indexes, out);
+  fillings(indexes, out);
   for (const auto& [name, paced] : cells) {
     const double there = paced.calcium_max_where_chosen_uM;
     if (there > 0 && std::abs(paced.calcium_max_uM / there - 1) > largest_calcium_change)

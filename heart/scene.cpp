@@ -511,6 +511,13 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
                     "nearest step that works is {:.6g} s, or set {} = \"implicit\"",
                     solver.place("dt_s"), scene.dt_s, 1e3 * bound,
                     scene.period_s / std::ceil(scene.period_s / bound), solver.place("inductors")));
+  const double arterial = largest_arterial_step(scene.circulation);
+  if (scene.dt_s > arterial)
+    throw InputError(fmt::format(
+        "{} = {} s: the arteries are filled explicitly, which is stable below {:.3g} ms (2 Rmin C_AR of the "
+        "outlet valve and artery); the nearest step that works is {:.6g} s",
+        solver.place("dt_s"), scene.dt_s, 1e3 * arterial,
+        scene.period_s / std::ceil(scene.period_s / arterial)));
   SettingsReader& stabilise = solver.table("stabilise");
   scene.stabilise_active_stress = stabilise.flag("active_stress", true);
   scene.stabilise_volumes = stabilise.flag("volumes", true);

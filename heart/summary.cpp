@@ -99,7 +99,10 @@ Json summarise(const HeartRun& run) {
   for (int v : {AV, PV})
     if (b && !b->valve[v].opens_s) warnings.push_back(fmt::format("{} never opens", valve_names[v]));
   if (!run.has_whole_beat()) warnings.push_back("the run was ended within a beat: there are no indexes");
-  if (run.scene().until_limit_cycle && run.certificate().verdict != LimitCycleVerdict::period_1)
+  const LimitCycleCertificate& certificate = run.certificate();
+  if (certificate.verdict == LimitCycleVerdict::unphysical)
+    warnings.push_back(certificate.reason);
+  else if (run.scene().until_limit_cycle && !certificate.good())
     warnings.push_back("the limit cycle was not reached; the indexes are of the last beat");
   if (out["flips"]["p_LV_mmHg"].get<double>() > 1)
     warnings.push_back(
@@ -148,7 +151,10 @@ Json summarise(const LoopSummary& loop) {
   out["flips"] = flips_json(loop.trace);
   out["cost"] = {{"wall_s", loop.wall_s}, {"beats", loop.beats}};
   out["warnings"] = Json::array();
-  if (loop.limit_cycle_wanted && loop.certificate.verdict != LimitCycleVerdict::period_1)
+  if (loop.certificate.verdict == LimitCycleVerdict::unphysical) {
+    out["warnings"].push_back(loop.certificate.reason);
+    out["limit_cycle"]["verdict"] = loop.certificate.text();
+  } else if (loop.limit_cycle_wanted && !loop.certificate.good())
     out["warnings"].push_back("the limit cycle was not reached; the indexes are of the last beat");
   if (loop.limit_cycle_wanted && loop.certificate.verdict == LimitCycleVerdict::period_1 &&
       loop.certificate.distance > loop.wanted_distance)

@@ -322,9 +322,9 @@ def test_extremes_maps_steps_and_draws(wiggers, tmp_path):
     assert outcome.status == 0 and " 0 unexplained" in outcome.out
     study = json.loads((tmp_path / "map.json").read_text())
     base = {row["scheme"]: row for row in study["rows"] if row["condition"] == "as given"}
-    # 2 L/R of the systemic veins, 3.85 ms; Runge-Kutta 4 bears 2.785/2 times that.
+    # 2 L/R of the systemic veins, 3.85 ms; Runge-Kutta 4 divides steps that are too long for it.
     assert 3.3 < base["forward-euler"]["stable"] < 4.3
-    assert 4.6 < base["runge-kutta-4"]["stable"] < 5.8
+    assert base["runge-kutta-4"]["stable"] > 5.8
     assert base["forward-euler"]["accurate"] < base["forward-euler"]["stable"]
     assert study["draws"]["draws"] == 40
     again = wiggers("extremes", "loop", "--quiet", "--beats", 2, "--draws", 40)

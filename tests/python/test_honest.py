@@ -40,7 +40,7 @@ def test_stiff_valves_give_one_answer_by_all_integrators(wiggers, loop_file):
 @pytest.mark.parametrize("words", [
     ["run", SCENES / "elastance_healthy.toml", "--set", "walls.LV.V0=-100"],
     ["run", SCENES / "elastance_healthy.toml", "--set", "walls.LV.V0=-100", "--set", "run.until=beats", "--set", "run.beats=9"],
-    ["run", SCENES / "elastance_healthy.toml", "--set", "walls.RV.EA=20", "--set", "walls.RV.EB=15"],
+    ["run", SCENES / "elastance_healthy.toml", "--set", "circulation.circuit.SYS.R_AR=9"],
 ])
 def test_no_heart_is_good_that_cannot_be(wiggers, tmp_path, words):
     outcome = wiggers(*words, "--quiet", "--json", "-o", tmp_path / "r.h5")

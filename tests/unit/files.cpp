@@ -168,7 +168,7 @@ TEST_CASE("devices, pipes and open files are written through, never replaced") {
   CHECK(fs::is_fifo(folder.path / "pipe"));
 }
 
-TEST_CASE("what killed runs left goes with the next write; what is written or not ours stays") {
+TEST_CASE("what killed runs left goes with the next write - what is written or not ours stays") {
   const Folder folder;
   const pid_t child = fork();
   if (child == 0) _exit(0);
@@ -217,7 +217,7 @@ TEST_CASE("an input is no output, whichever is known first and by whichever name
   CHECK(read_file(path("scene")) == "scene");
 }
 
-TEST_CASE("pipes are read once, and not for ever; a missing file names its neighbour") {
+TEST_CASE("pipes are read once, and not for ever - a missing file names its neighbour") {
   const Folder folder;
   REQUIRE(mkfifo((folder.path / "scene").c_str(), 0600) == 0);
   std::thread writer([&] { std::ofstream(folder.path / "scene") << "title = 1"; });
