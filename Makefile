@@ -107,6 +107,9 @@ nightly: tissue
 	@WIGGERS_KILLS=400 WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) PYTHONPATH=$(CURDIR)/$(BUILD)/python \
 	  $(PYTHON) -m pytest -q -p no:cacheprovider tests/python/test_restart.py tests/python/test_tissue_bodies.py -k "random_moments"
 	@$(BUILD)/test_heart "[.nightly]"
+	@WIGGERS_RANDOM_LOOPS=5000 $(BUILD)/test_heart "random loops*"
+	@WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) PYTHONPATH=$(CURDIR)/$(BUILD)/python WIGGERS_RANDOM_HEARTS=1000 \
+	  $(PYTHON) -m pytest -q -s -p no:cacheprovider tests/python/random_hearts.py
 	@$(BUILD)/test_tissue "[.nightly]"
 	@$(MAKE) --no-print-directory benchmarks-3d tissue-tables heartbeat-3d
 	@WIGGERS_NIGHTLY=1 WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) PYTHONPATH=$(CURDIR)/$(BUILD)/python \

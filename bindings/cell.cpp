@@ -96,6 +96,8 @@ void bind_cell(py::module_& m) {
            })
       .def("index_names",
            [](const CellModelOfPython& cell) { return cell_index_names(*cell.study.model).first; })
+      .def("index_units",
+           [](const CellModelOfPython& cell) { return cell_index_names(*cell.study.model).second; })
       .def("initial_state", [](const CellModelOfPython& cell) { return owned(start_of(cell.study)); })
       .def("fingerprint",
            [](const CellModelOfPython& cell) { return cell.study.model->fingerprint(cell.study.parameters); })

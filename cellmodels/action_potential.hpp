@@ -39,9 +39,9 @@ T crossing_time(const std::vector<T>& t, const std::vector<T>& y, std::size_t k,
 }
 
 // A cell above this is not at rest (mV): between the resting potentials and the thresholds of all models.
-inline constexpr double depolarised_mV = -40;
+inline constexpr double depolarised_mV = -60;
 // An upstroke is at least so high, and reaches at least this (mV): less is the stimulus and what it stirs.
-inline constexpr double smallest_upstroke_mV = 30, smallest_peak_mV = -10;
+inline constexpr double smallest_upstroke_mV = 30, smallest_peak_mV = 0;
 
 // Why a beat from stimulus to stimulus is no action potential, in words; empty if it is one.
 template <class T>
@@ -52,21 +52,25 @@ std::string no_action_potential(const std::vector<T>& V) {
     peak = std::max(peak, value_of(v));
     low = std::min(low, value_of(v));
   }
-  if (peak < depolarised_mV) return "did not depolarise: the stimulus is below threshold";
-  if (end > depolarised_mV) return "did not repolarise";
+  if (begin > depolarised_mV && end > depolarised_mV && low > depolarised_mV) return "did not repolarise";
   if (begin > depolarised_mV) return "blocked: the stimulus came while the cell was depolarised";
+  if (peak - begin < smallest_upstroke_mV && peak < smallest_peak_mV)
+    return "did not depolarise: the stimulus is below threshold";
   if (peak - begin < smallest_upstroke_mV || peak < smallest_peak_mV)
     return "blocked: no full upstroke followed the stimulus";
+  if (end > begin + 0.1 * (peak - begin)) return "did not repolarise by 90 % before the next stimulus";
   return "";
 }
 
 // Time (unit of t) between the upstroke's and the repolarisation's crossing of V_peak - share (V_peak -
-// V_end); nothing if there is no such crossing. Numbers of any kind.
+// V_rest); nothing if there is no such crossing. Rest is the lower end of the beat, which runs from stimulus
+// to stimulus: before the upstroke, or after repolarisation. Numbers of any kind.
 template <class T>
 std::optional<T> action_potential_duration(const std::vector<T>& t, const std::vector<T>& V,
                                            double repolarised, const T& V_peak) {
   const auto peak = std::max_element(V.begin(), V.end());
-  const T threshold = V_peak - repolarised * (V_peak - V.back());
+  const T rest = V.back() < V.front() ? V.back() : V.front();
+  const T threshold = V_peak - repolarised * (V_peak - rest);
   const auto peak_index = static_cast<std::size_t>(peak - V.begin());
   std::optional<T> up, down;
   for (std::size_t k = 1; k <= peak_index && !up; ++k)

@@ -45,7 +45,7 @@ void visit_features(const std::vector<T>& t, const std::vector<T>& V, const std:
     if (const auto apd = action_potential_duration(t, V, 0.9, V_peak)) visit("APD90_ms", "ms", *apd);
     if (const auto apd = action_potential_duration(t, V, 0.5, V_peak)) visit("APD50_ms", "ms", *apd);
   }
-  visit("V_rest_mV", "mV", V.back());
+  visit("V_rest_mV", "mV", V.back() < V.front() ? V.back() : V.front());
   visit("V_peak_mV", "mV", V_peak);
   visit("V_min_mV", "mV", V_low);
   std::vector<T> slope, middle;

@@ -131,16 +131,26 @@ BeatRows PacedCell::feature_rows(std::vector<double> state) {
         (V[steepest] - V[steepest - 1]) * (t[k] - t[k - 1]))
       steepest = k;
     for (double share : {0.5, 0.9}) {
-      const double level = V[peak] - share * (V[peak] - V.back());
+      const double level = V[peak] - share * (V[peak] - std::min(V.front(), V.back()));
       if ((V[k] >= level) != (V[k - 1] >= level)) places.insert(k);
     }
   }
   places.insert(steepest);
-  std::vector<double> times = coarse;
+  std::vector<double> fine = coarse;
   for (std::size_t k : places)
     for (double at = std::max(0.0, t[k] - 2 * first_look_ms);
          at < std::min(protocol_.period_ms, t[k] + 2 * first_look_ms); at += close_ms)
-      times.push_back(at);
+      fine.push_back(at);
+  // Rows a rounding error apart have no slope between them; the stimulus's edges stay.
+  std::sort(fine.begin(), fine.end());
+  std::vector<double> times;
+  const auto& edges = rows.stimulus_edges_ms;
+  const auto near_edge = [&](double at) {
+    return std::any_of(edges.begin(), edges.end(),
+                       [&](double edge) { return at != edge && std::abs(at - edge) < 0.5 * close_ms; });
+  };
+  for (double at : fine)
+    if ((times.empty() || at - times.back() > 0.2 * close_ms) && !near_edge(at)) times.push_back(at);
   rows.t_ms.clear();
   rows.potential_mV.clear();
   rows.calcium_mM.clear();

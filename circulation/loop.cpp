@@ -156,17 +156,20 @@ void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table, P
                           std::vector<double>(n_circulation_states, integrator_.absolute_tolerance)});
     std::vector<double> y(state.begin(), state.end());
     solver.restart(0, y);
+    std::vector<double> ends = breaks_;
+    ends.push_back(period);
     double begin = 0;
     for (double stop : stops) {
       if (sense) {
         const double parts = std::ceil((stop - begin) / period * rows_watched);
         for (int k = 0; k < parts; ++k) {
           const double t = begin + (stop - begin) * k / parts;
-          watch(t, solver.advance(t, stop).data());
+          watch(t, solver.advance(t, *std::lower_bound(ends.begin(), ends.end(), stop)).data());
         }
         begin = stop;
       }
-      y = solver.advance(stop);
+      // Rows between break points are interpolated.
+      y = solver.advance(stop, *std::lower_bound(ends.begin(), ends.end(), stop));
       std::copy(y.begin(), y.end(), state.begin());
       check_state(state.data(), stop);
       if (table && samples.count(stop)) record(stop);

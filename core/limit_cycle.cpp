@@ -19,6 +19,7 @@ namespace {
 constexpr double largest_growth = 1000;
 
 constexpr double longest_jump = 1e4;
+constexpr double unknown_multiplier = 0.999;
 // A jump that went astray is followed by shorter ones, which grow again.
 constexpr double shorter = 0.3, longer = 1.5;
 
@@ -101,10 +102,15 @@ void take_verdict(SavedNumbers& in, LimitCycleCertificate& c) {
 
 std::string limit_cycle_failure(const LimitCycleCertificate& c) {
   if (c.verdict == LimitCycleVerdict::unphysical) return c.reason;
-  return fmt::format("{}: {} after {} beats, distance {:.2g}.{}{}",
-                     c.verdict == LimitCycleVerdict::period_n ? "no limit cycle of one beat"
-                                                              : "the limit cycle was not reached",
-                     c.text(), c.beats, c.distance, c.reason.empty() ? "" : " ", c.reason);
+  const bool may_go_on = c.verdict == LimitCycleVerdict::not_converged;
+  return fmt::format(
+      "{}: {} after {} beats, distance {:.2g}.{}{}{}",
+      c.verdict == LimitCycleVerdict::period_n ? "no limit cycle of one beat"
+                                               : "the limit cycle was not reached",
+      c.text(), c.beats, c.distance, c.reason.empty() ? "" : " ", c.reason,
+      c.noisy     ? " The integrator's noise bounds the distance: a tighter tolerance or a smaller step helps."
+      : may_go_on ? " Allow more beats."
+                  : "");
 }
 
 LimitCycleSearch::LimitCycleSearch(LimitCycleSettings settings, std::vector<double> scales,
@@ -250,13 +256,16 @@ void LimitCycleSearch::judge(double step_to_fixed_point) {
   LimitCycleCertificate& c = certificate_;
   const double r = c.residual;
   const double noise = 10 * settings_.map_noise;
-  // Two independent estimates of the distance: the change over 1 - lambda, and the model's own step.
-  c.distance = std::max(r / std::max(1e-6, 1 - c.multiplier), step_to_fixed_point);
+  // Two independent estimates of the distance: the change over 1 - lambda, and the model's own step. Before
+  // anything is known of lambda it may be that of a slow cell.
+  const double slowest = c.multiplier > 0 ? c.multiplier : unknown_multiplier;
+  c.distance = std::max(r / std::max(1e-6, 1 - slowest), step_to_fixed_point);
   if (c.beats >= 3 && (c.distance <= settings_.distance || r <= noise)) {
     // The map's own noise ends the search; what is left of the distance must still be small to call it a
     // cycle.
     const bool near = c.distance <= std::max(settings_.distance, largest_noisy_distance);
     c.verdict = near ? LimitCycleVerdict::period_1 : LimitCycleVerdict::not_converged;
+    c.noisy = c.distance > settings_.distance;
     return;
   }
   if (c.beats < settings_.max_beats) return;
@@ -270,9 +279,10 @@ void LimitCycleSearch::judge(double step_to_fixed_point) {
       two_beats = std::max(two_beats, std::abs(last.f[i] + before.f[i]));
     for (std::size_t i = 0; i < last.f.size(); ++i)
       difference = std::max(difference, std::abs(last.f[i] - before.f[i]));
-    if (two_beats < 0.01 * r) {
+    if (two_beats <= settings_.distance && two_beats < 0.01 * r) {
       c.verdict = LimitCycleVerdict::period_n;
       c.period = 2;
+      c.distance = c.residual = two_beats;
     }
     if (difference < steady_drift * r) c.verdict = LimitCycleVerdict::drifting;
   }

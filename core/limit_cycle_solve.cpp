@@ -214,7 +214,7 @@ constexpr int most_rounds = 200;
 constexpr double noisy_residual = 1e-3;
 constexpr double noisy_bend = 0.5;
 // Plain beats that show the rhythm of a state near a cycle.
-constexpr int rhythm_beats = 2 * longest_cycle_beats + 3;
+constexpr int rhythm_beats = 3 * longest_cycle_beats + 3;
 // The states within a round may come nearer to each other, or farther apart, by this factor from one round to
 // the next; more is another rhythm.
 constexpr double largest_change_of_shape = 4;
@@ -260,7 +260,8 @@ class PacedSearch {
         rhythm_.forget();
         rhythm_.see(state);
         period = pace_until_clear(state, rhythm_beats + plain_beats_after * beats);
-        if (stability == Stability::alternates && period == beats && 2 * beats <= longest_cycle_beats)
+        if (stability == Stability::alternates && period > 0 && 2 * beats <= longest_cycle_beats &&
+            (2 * beats) % period == 0)
           period = 2 * beats;
         continue;
       }
@@ -282,8 +283,6 @@ class PacedSearch {
         certificate_ = ended;
         certificate_.period = period;
         certificate_.beats = spent_;
-        certificate_.reason =
-            "The search ended in the integrator's noise: a tighter tolerance or a smaller step helps.";
         certificate_.noisy = true;
         return certificate_;
       }
@@ -508,7 +507,6 @@ class PacedSearch {
   LimitCycleCertificate gave_up() {
     certificate_.verdict = LimitCycleVerdict::not_converged;
     certificate_.beats = spent_;
-    certificate_.reason = describe(rhythm_);
     return certificate_;
   }
 
@@ -521,9 +519,7 @@ class PacedSearch {
   int spent_ = 0;
 };
 
-}  // namespace
-
-LimitCycleCertificate find_limit_cycle(const BeatMap& map, const LimitCycleSettings& settings, State& state,
+LimitCycleCertificate search_by_method(const BeatMap& map, const LimitCycleSettings& settings, State& state,
                                        const AfterBeat& after_beat) {
   if (settings.method == LimitCycleMethod::anderson && settings.attractor == Attractor::paced)
     return PacedSearch(map, settings, after_beat).run(state);
@@ -532,6 +528,32 @@ LimitCycleCertificate find_limit_cycle(const BeatMap& map, const LimitCycleSetti
   LimitCycleSearch search(settings, map.scales, map.positive);
   run_search(search, map, state, settings.max_beats, after_beat);
   return search.certificate();
+}
+
+// What plain beats from a state do, in words.
+std::string seen_from(const BeatMap& map, State state) {
+  Rhythm rhythm(map.scales);
+  rhythm.see(state);
+  try {
+    for (int beat = 0; beat < rhythm_beats; ++beat) {
+      state = map.beat(state);
+      map.admit(state);
+      rhythm.see(state);
+    }
+  } catch (const NumericalFailure& failure) {
+    return failure.what();
+  }
+  return describe(rhythm);
+}
+
+}  // namespace
+
+LimitCycleCertificate find_limit_cycle(const BeatMap& map, const LimitCycleSettings& settings, State& state,
+                                       const AfterBeat& after_beat) {
+  LimitCycleCertificate certificate = search_by_method(map, settings, state, after_beat);
+  const bool found = certificate.good() || certificate.verdict == LimitCycleVerdict::period_n;
+  if (!found && certificate.reason.empty()) certificate.reason = seen_from(map, state);
+  return certificate;
 }
 
 }  // namespace wiggers

@@ -12,7 +12,10 @@ namespace {
 // ratio 0.7 or less passes for a rhythm of one beat; a slower one is taken for two, which does no harm: its
 // cycle of two beats is found to be one of one.
 constexpr double nearer = 0.5;
-constexpr std::size_t remembered = 2 * longest_cycle_beats + 3;
+constexpr std::size_t remembered = 3 * longest_cycle_beats + 3;
+// Beats that still differ by more than this (scaled) have no rhythm yet: blocks of every second beat may show
+// after several that pass for regular ones.
+constexpr double settled = 1;
 }  // namespace
 
 double scaled_distance(const std::vector<double>& a, const std::vector<double>& b,
@@ -50,13 +53,15 @@ bool Rhythm::comes_back(int period, int before) const {
 }
 
 int Rhythm::period() const {
-  // Longer rhythms first seen as such: twice in a row, all through one period.
+  // A return counts if it was one all through a period before, and through two where it is longer than
+  // alternation: transients pass through such patterns.
   for (int period = 2; period <= longest_cycle_beats; ++period) {
-    bool clear = size() > 2 * period;
-    for (int before = 0; before < period && clear; ++before) clear = comes_back(period, before);
+    const int watched = period > 2 ? 2 * period : period;
+    bool clear = size() > period + watched;
+    for (int before = 0; before < watched && clear; ++before) clear = comes_back(period, before);
     if (clear) return period;
   }
-  if (size() < 3) return 0;
+  if (size() < 3 || change(1) > settled) return 0;
   // One beat: the latest state is not nearer to an older one than to the last.
   for (int older = 2; older < std::min(size(), longest_cycle_beats + 1); ++older)
     if (change(older) < change(1)) return 0;
@@ -66,13 +71,14 @@ int Rhythm::period() const {
 std::string describe(const Rhythm& rhythm) {
   if (rhythm.size() < 4) return "";
   const int period = rhythm.period();
-  if (period > 1)
+  const bool steady = period > 0 && rhythm.size() > 2 * period && rhythm.bend(period) < 0.5;
+  if (period > 1 && steady)
     return fmt::format("The beats repeat every {} beats but for a drift of {:.1e} a round.", period,
                        rhythm.change(period));
   const double last = rhythm.change(1), before = rhythm.change(1, 1);
-  if (period == 1 && last > 0.999 * before)
+  if (rhythm.bend(1) < 1e-2 && last > 0.999 * before)
     return fmt::format("The state drifts by {:.1e} (scaled) a beat without slowing down.", last);
-  if (period == 1)
+  if (last < settled && rhythm.bend(1) < 0.5)
     return fmt::format("The state still moves by {:.1e} (scaled) a beat, {:.3g} times the beat before.", last,
                        last / before);
   return fmt::format(

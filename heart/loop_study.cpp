@@ -12,7 +12,7 @@ namespace wiggers {
 namespace {
 
 constexpr std::string_view total_volume_name = "initial.total_volume";
-constexpr double index_sample_s = 2.5e-4;
+constexpr double index_sample_s = 1e-4;
 
 // When the atria begin to contract.
 template <class T>

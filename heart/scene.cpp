@@ -402,6 +402,12 @@ void check_cell_name(const SettingsReader& cells, const std::string& name) {
 Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
                 const std::filesystem::path& folder) {
   SettingsReader reader(table, name);
+  // Before anything is missed: a misspelt `base` would leave the whole scene out.
+  const std::vector<std::string> entries = {"base",        "title",       "heart",  "cells", "walls",
+                                            "circulation", "pericardium", "solver", "run",   "body"};
+  for (const std::string& key : reader.keys())
+    if (std::find(entries.begin(), entries.end(), key) == entries.end())
+      refuse_unknown(fmt::format("key of {}", name), key, entries);
   Scene scene;
   scene.folder = folder;
   scene.title = reader.text("title", name);

@@ -60,6 +60,23 @@ constexpr Attempt attempts[] = {{1, 1},     {1, 10},   {0.97, 1},  {1.03, 1},
                                 {0.97, 10}, {0.94, 1}, {1.05, 10}, {0.91, 1}};
 constexpr double good_quality = 0.2;
 
+// gmsh does not ask whether it should stop, and there is nothing to be saved yet: an interrupt ends the
+// process at once while it works.
+class InterruptsEnd {
+ public:
+  InterruptsEnd() : interrupt_(std::signal(SIGINT, SIG_DFL)), terminate_(std::signal(SIGTERM, SIG_DFL)) {}
+  ~InterruptsEnd() {
+    std::signal(SIGINT, interrupt_);
+    std::signal(SIGTERM, terminate_);
+  }
+  InterruptsEnd(const InterruptsEnd&) = delete;
+  InterruptsEnd& operator=(const InterruptsEnd&) = delete;
+
+ private:
+  void (*interrupt_)(int);
+  void (*terminate_)(int);
+};
+
 void generate(double size_mm, const Attempt& attempt,
               const std::function<double(double, double, double)>& field) {
   const auto set = gmsh::option::setNumber;
@@ -77,6 +94,7 @@ void generate(double size_mm, const Attempt& attempt,
   if (field)
     gmsh::model::mesh::setSizeCallback(
         [&](int, int, double x, double y, double z) { return factor * field(x, y, z); });
+  const InterruptsEnd at_once;
   gmsh::model::mesh::clear();
   gmsh::model::mesh::generate(3);
   for (int pass = 0; pass < 3; ++pass) gmsh::model::mesh::optimize("", true);

@@ -96,7 +96,10 @@ class _Periodic(_Model):
         """What a state depends on beside the parameters."""
 
     def indexes(self, state: State) -> dict[str, float]:
-        """Indexes of the beat from a state; what the beat does not have (a valve that never opens) is absent."""
+        """Indexes of the beat from a state; what the beat does not have (a valve that never opens) is absent. A cycle of
+        other parameters is refused: its state begins no cycle here."""
+        if isinstance(state, Cycle):
+            return dict(self._core.indexes(self._on_cycle(state)))
         return dict(self._core.indexes(_state(state, "state")))
 
     def load(self, path: str | os.PathLike[str]) -> Cycle:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import zlib
 from typing import Any, NoReturn
 
 import numpy as np
@@ -96,6 +97,7 @@ class Cycle(Held):
             "certificate": {f: getattr(c, f) for f in ("verdict", "distance", "residual", "multiplier", "beats")},
             "indexes": self.indexes,
         }
+        content["checksum"] = _checksum(content)
         write_file(os.fspath(path), json.dumps(content, indent=1).encode())
 
     @staticmethod
@@ -108,6 +110,7 @@ class _SavedCycle:
     """A file of a cycle, believed in nothing: kind, length and finiteness of every entry are looked at."""
 
     LONGEST = 1_000_000  # of a state
+    _unchanged = True
 
     def __init__(self, path: str) -> None:
         self.path = path
@@ -120,6 +123,8 @@ class _SavedCycle:
         self.content = content
         if self.entry("format", int) != STATE_FORMAT:
             raise StateMismatch(f"{path}: format {content['format']}, this version reads {STATE_FORMAT}")
+        if content.pop("checksum", None) != _checksum(content):
+            self._unchanged = False
 
     def cycle(self) -> Cycle:
         state = self.entry("state", list)
@@ -140,6 +145,12 @@ class _SavedCycle:
             certificate = Certificate(verdict=verdict, beats=beats, **facts)
         except InputError as error:
             self.refuse("certificate.verdict", f": {error}")
+        for key in ("indexes", "parameters"):
+            self.table(key)
+        for key in ("model", "structure"):
+            self.entry(key, str)
+        if not self._unchanged:
+            self.refuse("checksum", "is not that of the content: the file was changed after it was saved")
         return Cycle(np.array(numbers), certificate, self.table("indexes"), self.entry("model", str),
                      self.table("parameters"), self.entry("structure", str))
 
@@ -172,6 +183,8 @@ class _SavedCycle:
             number = float.fromhex(value)
         except (ValueError, OverflowError):
             self.refuse(key, f"is {_short(value)}, not a number in hexadecimal text")
+        if "0x" not in value and math.isfinite(number):
+            self.refuse(key, f"is {_short(value)}, not a number in hexadecimal text")
         return self.number(key, number)
 
     def refuse(self, key: str, why: str) -> NoReturn:
@@ -179,6 +192,11 @@ class _SavedCycle:
 
     def _no_number(self, text: str) -> NoReturn:
         raise InputError(f"{self.path}: {text} stands in the place of a number")
+
+
+def _checksum(content: dict[str, Any]) -> str:
+    """Of all entries, whatever their order and spacing in the file."""
+    return f"{zlib.crc32(json.dumps(content, sort_keys=True).encode()):08x}"
 
 
 _KINDS = {int: "a whole number", str: "a text", list: "a list", dict: "a table of entries"}

@@ -131,10 +131,21 @@ void write_table(const std::string& path, const Table& table, const std::string&
   }
 }
 
-// Features of the beat from a state, by the integrator's own text; the same that Python gives.
+// Features of the beat that begins with the stimulus after a state, by the integrator's own text; the same
+// that Python gives.
 nlohmann::ordered_json beat_features(const CellModel& model, const std::vector<double>& parameters,
-                                     const Options& o, const StimulusPulse& pulse, PacedCell& cell,
-                                     const std::vector<double>& start) {
+                                     const Options& o, StimulusPulse pulse, PacedCell& paced,
+                                     const std::vector<double>& beat_start) {
+  std::vector<double> start = beat_start;
+  PacedCell cell(model, parameters, {o.period_ms, {pulse.amplitude_A_per_F, pulse.duration_ms, 0}},
+                 {o.integrator, o.rtol, o.atol, o.dt_ms});
+  if (pulse.onset_ms > 0) {
+    std::vector<double> beat = beat_start;
+    paced.beat_at(beat, {pulse.onset_ms}, [&](double t, const double* y, double) {
+      if (std::abs(t - pulse.onset_ms) < 1e-9 * o.period_ms) start.assign(y, y + start.size());
+    });
+    pulse.onset_ms = 0;
+  }
   BeatRows rows;
   if (o.integrator == "rush-larsen" || o.integrator == "rush-larsen-2") {
     CellStudy study = make_cell_study(model);

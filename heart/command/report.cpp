@@ -27,6 +27,9 @@ void add_report(CLI::App& app) {
       const ResultReader file(o->result);
       if (!file.has("/time") && !file.has("/load"))
         throw InputError(fmt::format("'{}' holds no beat yet: resume the run first", o->result));
+      // What was changed since it was written is not drawn as if it were a result. Others may write results,
+      // too.
+      if (file.has("/provenance/checksums")) file.verify();
     }
     if (o->folder.empty()) o->folder = fs::path(o->result).replace_extension("").string() + "-report";
     std::error_code code;

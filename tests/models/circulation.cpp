@@ -348,7 +348,7 @@ TEST_CASE("a cycle that no heart can be in is unphysical, whatever the integrato
 TEST_CASE("forward-euler does not certify its own oscillation") {
   Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
   loop.circulation.valve_law = ValveLaw::log_arctan;
-  loop.circulation.valves[AV].Rmin = 0.0012;
+  loop.circulation.valves[AV].Rmin = 0.0006;
   CirculationValues state = loop.initial;
   LimitCycleCertificate c;
   try {

@@ -112,6 +112,7 @@ def tissue_result(plain_result, tmp_path):
     path = tmp_path / "r.h5"
     shutil.copy(plain_result, path)
     with h5py.File(path, "a") as file:
+        file["provenance"].pop("checksums", None)  # written by others: nothing to compare with
         t = file["time"][:]
         for key, value in {"electrophysiology": 8, "electrophysiology_ionic": 2, "electrophysiology_solve": 4,
                            "electrophysiology_right_side": 1, "electrophysiology_assembly": 0.5, "active_force": 1,
@@ -295,6 +296,7 @@ def part_of_beat(plain_result, tmp_path):
         path = tmp_path / "part.h5"
         shutil.copy(plain_result, path)
         with h5py.File(path, "a") as file:
+            file["provenance"].pop("checksums", None)  # written by others: nothing to compare with
             for name in ("reference_ranges", "phases", "indexes", "cells"):
                 if name in file:
                     del file[name]
@@ -381,6 +383,7 @@ def test_run_ended_within_a_later_beat(part_of_beat, tmp_path):
 def test_fields_of_another_run_are_not_drawn(part_of_beat, tmp_path):
     path, end = part_of_beat("ventricles")
     with h5py.File(path, "a") as file:
+        file["provenance"].pop("checksums", None)  # written by others: nothing to compare with
         scene = file["provenance/scene"][()].decode() + '\n[walls.ventricles]\nkind = "tissue"\nfields_every_ms = 0\n'
         del file["provenance/scene"]
         file["provenance/scene"] = np.bytes_(scene)
