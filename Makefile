@@ -9,6 +9,7 @@
 #   make benchmarks-3d  run the published verification problems of the tissue and write docs/benchmarks-3d.md
 #   make tissue-tables  measure cost, ranks, main scene and stabilisations of the tissue for docs/tissue-measured.md
 #   make trade-3d    measure error against cost of the tissue's settings, for docs/trade-3d.md
+#   make cell-cycles   certify the limit cycles of docs/cell-cycles.md
 #   make reference   write docs/reference from the models' own fact sheets
 #   make format      format the C++ sources
 #   make help        these lines
@@ -40,7 +41,7 @@ endef
 RANKS := 2
 MPIRUN := OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1 OMP_NUM_THREADS=1 mpirun -n $(RANKS)
 
-.PHONY: tissue heartbeat-3d benchmarks-3d trade-3d tissue-tables trade help setup packages build test heartbeat nightly format check-format reference clean
+.PHONY: cell-cycles tissue heartbeat-3d benchmarks-3d trade-3d tissue-tables trade help setup packages build test heartbeat nightly format check-format reference clean
 help:
 	@sed -n 's/^#   //p' Makefile
 
@@ -139,6 +140,10 @@ trade-3d: tissue
 # The tables of docs/trade.md and docs/extremes.md, measured on this machine (some minutes).
 trade: build
 	@$(PYTHON) docs/make_tables.py $(BUILD)/wiggers docs
+
+# The limit cycles of the ionic models over rates and current blocks, for docs/cell-cycles.md (half an hour).
+cell-cycles: build
+	@$(PYTHON) docs/make_cell_cycles.py $(BUILD)/wiggers docs/cell-cycles.md
 
 reference: build
 	@mkdir -p docs/reference

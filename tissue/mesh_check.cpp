@@ -283,12 +283,38 @@ class Check {
     return count;
   }
 
+  // Two cells at one face lie on either side of it; on one side they overlap, whatever their orientation.
+  void overlaps(const std::vector<CellFace>& faces) {
+    const auto apex = [&](const CellFace& face) {
+      return mesh_.cells[static_cast<std::size_t>(face.cell)][static_cast<std::size_t>(face.opposite)];
+    };
+    std::size_t overlapping = 0, crowded = 0;
+    Point3 place{};
+    for (std::size_t i = 1; i < faces.size(); ++i) {
+      if (faces[i].corners != faces[i - 1].corners) continue;
+      if (i > 1 && faces[i].corners == faces[i - 2].corners) ++crowded;
+      const Point3 a = point(mesh_, faces[i].corners[0]), b = point(mesh_, faces[i].corners[1]),
+                   c = point(mesh_, faces[i].corners[2]);
+      const Point3 normal = cross(b - a, c - a);
+      const double one = dot(normal, point(mesh_, apex(faces[i])) - a),
+                   other = dot(normal, point(mesh_, apex(faces[i - 1])) - a);
+      if (one * other > 0 && overlapping++ == 0) place = (1.0 / 3) * (a + b + c);
+    }
+    if (overlapping + crowded > 0)
+      find(Severity::error,
+           fmt::format("the mesh is tangled: {} pairs of cells overlap at their common face{}{}", overlapping,
+                       overlapping > 0 ? ", the first at " + place_text(place) : "",
+                       crowded > 0 ? fmt::format("; {} faces belong to more than two cells", crowded) : ""),
+           "what overlaps counts twice; mesh the volume anew");
+  }
+
   void parts() {
     const auto ventricular = [](int tag) { return tag == mesh_tags::ventricles; };
     const auto atrial = [](int tag) {
       return tag == mesh_tags::left_atrium || tag == mesh_tags::right_atrium;
     };
     const auto faces = sorted_faces(mesh_.cells);
+    overlaps(faces);
     r_.ventricular_pieces = pieces(faces, ventricular);
     r_.atrial_pieces = pieces(faces, atrial);
     if (r_.ventricular_pieces > 1)

@@ -480,3 +480,19 @@ TEST_CASE("the reference meshes have the volumes of their notes") {
   CHECK(volume_mL(heart, 1) == Approx(132.7).epsilon(1e-3));
   CHECK(heart.atrial_pieces == 1);
 }
+
+TEST_CASE("a tangled mesh is an error: cells on one side of their common face overlap") {
+  TetMesh mesh;
+  mesh.points = {{0, 0, 0}, {1e-2, 0, 0}, {0, 1e-2, 0}, {0, 0, 1e-2}, {0, 0, 5e-3}};
+  mesh.cells = {{0, 1, 2, 3}, {0, 1, 2, 4}};
+  mesh.cell_tags = {1, 1};
+  const auto tangled = [](const TetMesh& m) {
+    const MeshReport report = check_mesh(m);
+    return std::any_of(report.findings.begin(), report.findings.end(),
+                       [](const MeshFinding& f) { return f.text.find("tangled") != std::string::npos; });
+  };
+  CHECK(tangled(mesh));
+  mesh.points[4][2] = -5e-3;
+  mesh.cells[1] = {0, 2, 1, 4};
+  CHECK(!tangled(mesh));
+}
