@@ -46,6 +46,9 @@ void make_admissible(const CellModel& model, std::vector<double>& state) {
 
 namespace {
 constexpr double tightest_tolerance = 1e-12;
+// A change over a beat of ten tolerances is noise, and a slow cell's distance is a thousand such changes.
+constexpr double tolerance_per_distance = 1e-4;
+constexpr double changes_above_noise = 1e3;
 
 bool is_cycle(const LimitCycleCertificate& c) { return c.good() || c.verdict == LimitCycleVerdict::period_n; }
 bool missed(const LimitCycleCertificate& c, const LimitCycleSettings& settings) {
@@ -270,36 +273,43 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
         "{}), "
         "so the cell gains charge every beat. Set stimulus_K_fraction = 1, or pace a number of beats.",
         model_.name, parameters_[require_index(model_.parameters, "parameter", "stimulus_K_fraction")]));
-  LimitCycleCertificate certificate = search(state, settings, after_beat);
-  // Where the integrator's noise ends the search short of the distance asked for, a tighter one goes on from
-  // there, as often as double precision allows.
+  // The noise of an adaptive integrator bounds the distance that a search can reach: it is searched with a
+  // tolerance that allows the distance asked for, and where that does not do with tighter ones, from where
+  // the last ended, as far as double precision allows.
   CellIntegrator finer = integrator_;
+  const auto tighten = [&](double relative) {
+    finer.relative_tolerance = std::max(tightest_tolerance, std::min(finer.relative_tolerance, relative));
+    finer.absolute_tolerance =
+        std::max(1e-16, std::min(finer.absolute_tolerance, 0.01 * finer.relative_tolerance));
+  };
+  const bool adaptive = is_adaptive(integrator_.name);
+  if (adaptive) tighten(tolerance_per_distance * settings.distance);
+  const auto search_finely = [&](std::vector<double>& from, const LimitCycleSettings& how) {
+    PacedCell cell(model_, parameters_, protocol_, finer);
+    const LimitCycleCertificate found = cell.search(from, how, after_beat, this);
+    invariant_drift_ = cell.invariant_drift();
+    return found;
+  };
+  LimitCycleCertificate certificate =
+      adaptive ? search_finely(state, settings) : search(state, settings, after_beat);
   int beats = certificate.beats;
-  while (is_adaptive(finer.name) && (certificate.noisy || missed(certificate, settings)) &&
+  while (adaptive && (certificate.noisy || missed(certificate, settings)) &&
          finer.relative_tolerance > 1.01 * tightest_tolerance && beats < settings.max_beats) {
-    finer.relative_tolerance = std::max(tightest_tolerance, 0.01 * finer.relative_tolerance);
-    finer.absolute_tolerance = std::max(1e-16, 0.01 * finer.absolute_tolerance);
+    tighten(0.01 * finer.relative_tolerance);
     LimitCycleSettings rest = settings;
     rest.max_beats = settings.max_beats - beats;
     rest.known_multiplier = certificate.multiplier;
     std::vector<double> closer = state;
-    PacedCell cell(model_, parameters_, protocol_, finer);
     LimitCycleCertificate next;
     try {
-      next = cell.search(closer, rest, after_beat);
+      next = search_finely(closer, rest);
     } catch (const NumericalFailure&) {
       break;  // asks for more than double precision has
     }
     beats += next.beats;
-    const bool better = next.good() || next.verdict == LimitCycleVerdict::period_n || !is_cycle(certificate);
-    if (!better) break;
+    if (!is_cycle(next) && is_cycle(certificate)) break;
     state = closer;
     certificate = next;
-    invariant_drift_ = cell.invariant_drift();
-    if (is_cycle(certificate))
-      certificate.reason =
-          fmt::format("The tolerance of {} was tightened to {:.0e} for the distance asked for.", finer.name,
-                      finer.relative_tolerance);
   }
   certificate.beats = beats;
   if (certificate.verdict == LimitCycleVerdict::period_n) {
@@ -323,19 +333,27 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
 }
 
 LimitCycleCertificate PacedCell::search(std::vector<double>& state, LimitCycleSettings settings,
-                                        const std::function<void(const LimitCycleCertificate&)>& after_beat) {
+                                        const std::function<void(const LimitCycleCertificate&)>& after_beat,
+                                        PacedCell* coarse) {
   if (is_adaptive(integrator_.name)) settings.map_noise = integrator_.relative_tolerance;
   const double charge = model_.invariant(state.data(), parameters_.data());
   BeatMap map = beat_map(state);
+  // While the change over a beat is far above the coarse cell's noise, its beats do.
+  const double near = coarse ? changes_above_noise * coarse->integrator_.relative_tolerance : 0;
+  bool far = coarse != nullptr;
+  const auto watch = [&](const LimitCycleCertificate& c) {
+    if (c.residual < near) far = false;
+    if (after_beat) after_beat(c);
+  };
   map.beat = [&](const std::vector<double>& start) {
     std::vector<double> image = start;
-    beat(image);
+    (far ? *coarse : *this).beat(image);
     // The scheme's own drift of the charge is reported, then removed: the map is projected on the leaf.
     invariant_drift_ = model_.invariant(image.data(), parameters_.data()) - charge;
     model_.hold_invariant(image.data(), parameters_.data(), charge);
     return image;
   };
-  return find_limit_cycle(map, settings, state, after_beat);
+  return find_limit_cycle(map, settings, state, watch);
 }
 
 std::optional<double> PacedCell::integrator_shift(const std::vector<double>& on_cycle,

@@ -55,7 +55,7 @@ class PacedCell {
 
   // Paces to the limit cycle on the leaf of the start's conserved charge. `state` ends on it. The callback is
   // called after every beat. Refuses a model whose charge is not conserved: it has no cycle. An adaptive
-  // integrator whose noise ends the search early is tightened for it; the certificate says so.
+  // integrator is tightened for the search as far as the distance asked for needs it.
   LimitCycleCertificate to_limit_cycle(
       std::vector<double>& state, LimitCycleSettings settings,
       const std::function<void(const LimitCycleCertificate&)>& after_beat = {});
@@ -84,7 +84,8 @@ class PacedCell {
 
  private:
   LimitCycleCertificate search(std::vector<double>& state, LimitCycleSettings settings,
-                               const std::function<void(const LimitCycleCertificate&)>& after_beat);
+                               const std::function<void(const LimitCycleCertificate&)>& after_beat,
+                               PacedCell* coarse = nullptr);
 
   const CellModel& model_;
   std::vector<double> parameters_;
