@@ -108,7 +108,7 @@ std::string limit_cycle_failure(const LimitCycleCertificate& c) {
       c.verdict == LimitCycleVerdict::period_n ? "no limit cycle of one beat"
                                                : "the limit cycle was not reached",
       c.text(), c.beats, c.distance, c.reason.empty() ? "" : " ", c.reason,
-      c.noisy     ? " The integrator's noise bounds the distance: a tighter tolerance or a smaller step helps."
+      c.noisy ? " The integrator's noise bounds the distance: a tighter tolerance or a smaller step helps."
       : may_go_on ? " Allow more beats."
                   : "");
 }

@@ -76,7 +76,8 @@ TEST_CASE("stroke work is the area of the loop") {
   const auto& p = table.at("p_LV").values;
   const auto& V = table.at("V_LV").values;
   for (std::size_t k = 1; k < p.size(); ++k) work -= 0.5 * (p[k] + p[k - 1]) * (V[k] - V[k - 1]);
-  CHECK(compute_indexes(table, {0.05, 0.05}).ventricle[0].stroke_work_J == Approx(work * units::J_per_mmHg_mL));
+  CHECK(compute_indexes(table, {0.05, 0.05}).ventricle[0].stroke_work_J ==
+        Approx(work * units::J_per_mmHg_mL));
   CHECK(work > 0);
 }
 
