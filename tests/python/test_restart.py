@@ -233,7 +233,7 @@ def test_interrupts_are_seen_within_a_long_beat(tmp_path, words, how):
 
 
 def test_a_run_interrupted_within_a_beat_goes_on_bit_for_bit(wiggers, tmp_path):
-    words = ["run", SCENES / "elastance_healthy.toml", "--set", "solver.dt_s=1e-5", "--set", "run.beats=4"]
+    words = ["run", SCENES / "elastance_healthy.toml", "--set", "solver.dt_s=1e-5", "--set", "run.beats=20"]
     assert wiggers(*words, "-o", "whole.h5", "--quiet").status == 0
     process = subprocess.Popen([COMMAND, *map(str, words), "-o", "r.h5", "--quiet"], cwd=tmp_path, stderr=subprocess.PIPE)
     time.sleep(0.3)
