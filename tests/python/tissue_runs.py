@@ -87,7 +87,7 @@ def frames(result):
     return [float(t) for t, _ in listed], [folder / file for _, file in listed]
 
 
-TIMINGS = {"summary", "checkpoint/run", "provenance/wall_time", "provenance/host", "solver/cost_cells", "solver/cost_heart"}
+TIMINGS = {"summary", "checkpoint/run", "provenance/wall_time", "provenance/host", "provenance/checksums", "solver/cost_cells", "solver/cost_heart"}
 
 
 def same_bits(path, other):
