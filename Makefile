@@ -4,7 +4,8 @@
 #   make heartbeat-3d   the same with a left ventricle of 3D tissue on two MPI ranks (installs deal.II and gmsh)
 #   make test        install and build everything, the 3D tissue included, and run all tests
 #   make build       install and build; the command is build/wiggers
-#   make nightly     the long tests: sanitizers, minimal build, formatting, extremes, fuzzing, benchmarks
+#   make nightly     the long tests: sanitizers, minimal build, formatting, extremes, kills, fuzzing, benchmarks
+#   make fuzz        an hour of fuzzing, guided by coverage, of what reads files; then 2000 changed results (installs clang)
 #   make trade       measure the tables of docs/trade.md and docs/extremes.md on this machine
 #   make benchmarks-3d  run the published verification problems of the tissue and write docs/benchmarks-3d.md
 #   make tissue-tables  measure cost, ranks, main scene and stabilisations of the tissue for docs/tissue-measured.md
@@ -22,6 +23,8 @@ PACKAGES := g++ cmake ninja-build git ca-certificates python3-venv python3-dev \
   nlohmann-json3-dev catch2 libbenchmark-dev
 TISSUE_PACKAGES := libdeal.ii-dev libgmsh-dev openmpi-bin
 NIGHTLY_PACKAGES := clang-format libxsimd-dev openmpi-bin
+FUZZ_PACKAGES := clang libclang-rt-14-dev
+FUZZ_SECONDS := 900
 BUILD := build
 PYTHON := .venv/bin/python
 JOBS := $(shell nproc)
@@ -41,7 +44,7 @@ endef
 RANKS := 2
 MPIRUN := OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1 OMP_NUM_THREADS=1 mpirun -n $(RANKS)
 
-.PHONY: cell-cycles tissue heartbeat-3d benchmarks-3d trade-3d tissue-tables trade help setup packages build test heartbeat nightly format check-format reference clean
+.PHONY: fuzz cell-cycles tissue heartbeat-3d benchmarks-3d trade-3d tissue-tables trade help setup packages build test heartbeat nightly format check-format reference clean
 help:
 	@sed -n 's/^#   //p' Makefile
 
@@ -105,14 +108,14 @@ nightly: tissue
 	@for seed in 2 3 4; do for s in crn ttp06-epi rdq20 loop; do \
 	  $(BUILD)/wiggers extremes $$s --quiet --beats 1 --seed $$seed > $(BUILD)/extremes.log || { cat $(BUILD)/extremes.log; exit 1; }; done; done
 	@WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) WIGGERS_REFERENCE=none $(PYTHON) -m pytest -q -p no:cacheprovider tests/python/fuzz_scenes.py
-	@WIGGERS_KILLS=400 WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) PYTHONPATH=$(CURDIR)/$(BUILD)/python \
+	@WIGGERS_KILLS=500 WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) PYTHONPATH=$(CURDIR)/$(BUILD)/python \
 	  $(PYTHON) -m pytest -q -p no:cacheprovider tests/python/test_restart.py tests/python/test_tissue_bodies.py -k "random_moments"
 	@$(BUILD)/test_heart "[.nightly]"
 	@WIGGERS_RANDOM_LOOPS=5000 $(BUILD)/test_heart "random loops*"
 	@WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) PYTHONPATH=$(CURDIR)/$(BUILD)/python WIGGERS_RANDOM_HEARTS=1000 \
 	  $(PYTHON) -m pytest -q -s -p no:cacheprovider tests/python/random_hearts.py
 	@$(BUILD)/test_tissue "[.nightly]"
-	@$(MAKE) --no-print-directory benchmarks-3d tissue-tables heartbeat-3d
+	@$(MAKE) --no-print-directory fuzz benchmarks-3d tissue-tables heartbeat-3d
 	@WIGGERS_NIGHTLY=1 WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) PYTHONPATH=$(CURDIR)/$(BUILD)/python \
 	  $(PYTHON) -m pytest -q -s -p no:cacheprovider tests/python/test_calibration.py -k intervals
 	@$(PYTHON) -m pip install --quiet mpi4py && PYTHONPATH=$(CURDIR)/$(BUILD)/python \
@@ -121,6 +124,20 @@ nightly: tissue
 	  cd $(BUILD) && wheel-test/bin/python -c "import wiggers; print(wiggers.Loop().to_limit_cycle())"
 	@$(BUILD)/bench_cells
 	@$(BUILD)/bench_heart
+
+# Scenes, meshes, results and tables of states, a quarter of an hour each, under address and undefined-behaviour sanitizers.
+# A finding is an input in build-fuzz/findings.
+fuzz: tissue
+	$(call install,$(FUZZ_PACKAGES))
+	@cmake --build $(BUILD) -j $(JOBS) --target wiggers
+	@cmake --preset fuzz -DWIGGERS_PYTHON=$(CURDIR)/$(PYTHON) && ASAN_OPTIONS=detect_leaks=0 cmake --build build-fuzz -j $(JOBS)
+	@mkdir -p build-fuzz/findings && $(PYTHON) tests/fuzz/seeds.py $(BUILD)/wiggers scenes build-fuzz/corpus
+	@printf '%s\n' scene mesh result state | xargs -P $(JOBS) -I KIND sh -c 'cd scenes && OMP_NUM_THREADS=1 ASAN_OPTIONS=detect_leaks=0 \
+	  ../build-fuzz/fuzz_KIND -max_total_time=$(FUZZ_SECONDS) -timeout=60 -rss_limit_mb=4000 -max_len=300000 -print_final_stats=1 \
+	  -artifact_prefix=../build-fuzz/findings/KIND- $$([ -f ../build-fuzz/corpus/KIND.dict ] && echo -dict=../build-fuzz/corpus/KIND.dict) \
+	  ../build-fuzz/corpus/KIND > ../build-fuzz/KIND.log 2>&1 || { tail -60 ../build-fuzz/KIND.log; exit 255; }'
+	@tail -n 6 build-fuzz/*.log
+	@WIGGERS_FUZZ=2000 WIGGERS=$(CURDIR)/build-fuzz/wiggers WIGGERS_ROOT=$(CURDIR) $(PYTHON) -m pytest -q -x -p no:cacheprovider tests/python/fuzz_results.py
 
 # The published verification problems of the tissue, for docs/benchmarks-3d.md (some minutes).
 benchmarks-3d: tissue

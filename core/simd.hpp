@@ -15,8 +15,10 @@
 // Compile with -ffp-contract=fast where the processor has fused multiply-add.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <type_traits>
+#include <utility>
 #include <wiggers/core/numbers.hpp>
 #if defined(__AVX512F__) && defined(__AVX512DQ__) && defined(__AVX512VL__)
 #include <immintrin.h>
@@ -216,13 +218,14 @@ WIGGERS_INLINE Vec<Real, lanes, Isa> logistic(const Vec<Real, lanes, Isa>& x) {
 
 namespace simd_detail {
 // (a0 b0 a1 b1 ...) of the lower or the upper halves.
+template <bool upper, class V, std::size_t... i>
+WIGGERS_INLINE V zip(const V& a, const V& b, std::index_sequence<i...>) {
+  constexpr std::size_t n = V::lanes;
+  return V(__builtin_shufflevector(a.v, b.v, ((upper ? n / 2 : 0) + i / 2 + (i % 2) * n)...));
+}
 template <bool upper, class V>
 WIGGERS_INLINE V zip(const V& a, const V& b) {
-  constexpr int n = V::lanes;
-  typename V::NativeInteger order{};
-#pragma GCC unroll 16
-  for (int i = 0; i < n; ++i) order[i] = (upper ? n / 2 : 0) + i / 2 + (i % 2) * n;
-  return V(__builtin_shuffle(a.v, b.v, order));
+  return zip<upper>(a, b, std::make_index_sequence<V::lanes>());
 }
 }  // namespace simd_detail
 

@@ -30,7 +30,7 @@ double calcium_where_chosen(const Scene& scene, const CellType& cell) {
   if (!there.to_limit_cycle(state, settings).good()) return 0;
   double low = std::numeric_limits<double>::infinity(), high = 0;
   there.beat(state, 1.0, [&](double, const double* y, double) {
-    const double calcium = y[cell.ionic->cytosolic_calcium] * units::uM_per_mM;
+    const double calcium = y[ionic.cytosolic_calcium] * units::uM_per_mM;
     low = std::min(low, calcium);
     high = std::max(high, calcium);
   });
@@ -71,12 +71,13 @@ std::map<std::string, PacedCellType> pace_cells(const Scene& scene, Progress::St
         paced.charge_drift_mV = one.invariant_drift();
       }
       double low = std::numeric_limits<double>::infinity(), high = 0, peak = -1000;
+      const CellModel& ionic = *cell.ionic;
       std::vector<double> state = paced.state_at_onset;
       one.beat(state, 1.0, [&](double, const double* y, double) {
-        const double calcium = y[cell.ionic->cytosolic_calcium] * units::uM_per_mM;
+        const double calcium = y[ionic.cytosolic_calcium] * units::uM_per_mM;
         low = std::min(low, calcium);
         high = std::max(high, calcium);
-        peak = std::max(peak, y[cell.ionic->membrane_potential]);
+        peak = std::max(peak, y[ionic.membrane_potential]);
       });
       paced.potential_max_mV = peak;
       CalciumRescaling rescaling = cell.rescaling;

@@ -185,6 +185,8 @@ void HeartRun::resume(const std::filesystem::path& path) {
   certificate_ = search_->certificate();
   SavedNumbers run = numbers("/checkpoint/run");
   cost_.beats = static_cast<int>(run.count(most));
+  if (cost_.beats != certificate_.beats)
+    run.refuse(fmt::format("{} beats, its search has seen {}", cost_.beats, certificate_.beats));
   volume_drift_ = run.not_negative();
   cost_.cells_s = run.not_negative();
   cost_.heart_s = run.not_negative();

@@ -39,8 +39,8 @@ TetMesh box_mesh(const std::array<std::vector<double>, 3>& coordinates_m) {
   for (const double c : z)
     for (const double b : y)
       for (const double a : x) mesh.points.push_back({a, b, c});
-  const auto point = [&](std::size_t i, std::size_t j, std::size_t k) {
-    return static_cast<int>((k * y.size() + j) * x.size() + i);
+  const auto point = [nx = x.size(), ny = y.size()](std::size_t i, std::size_t j, std::size_t k) {
+    return static_cast<int>((k * ny + j) * nx + i);
   };
   // One tetrahedron for each order in which the three axes are walked from corner to corner.
   constexpr int walks[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};

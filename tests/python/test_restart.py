@@ -123,6 +123,7 @@ def resumed_from(wiggers, path, **more):
     ("checkpoint/search", 14, "ends after"),
     ("checkpoint/run", {0: -3}, "no whole number"),
     ("checkpoint/run", {0: 2.5}, "no whole number"),
+    ("checkpoint/run", {0: 77}, "77 beats, its search has seen 3"),
     ("checkpoint/run", 2, "ends after"),
     ("checkpoint/audit", {4: -1}, "no whole number"),
     ("checkpoint/cells/ventricles/facts", {0: 99}, "no whole number"),
