@@ -30,7 +30,7 @@ double calcium_where_chosen(const Scene& scene, const CellType& cell) {
   if (!there.to_limit_cycle(state, settings).good()) return 0;
   double low = std::numeric_limits<double>::infinity(), high = 0;
   there.beat(state, 1.0, [&](double, const double* y, double) {
-    const double calcium = y[ionic.cytosolic_calcium] * units::uM_per_mM;
+    const double calcium = y[cell.ionic->cytosolic_calcium] * units::uM_per_mM;
     low = std::min(low, calcium);
     high = std::max(high, calcium);
   });

@@ -165,8 +165,8 @@ NodeSpace Partition::make_nodes(int order, bool conductive_only) const {
   space.nodes_per_cell = order == 1 ? 4 : 10;
   const auto& triangulation = implementation_->triangulation;
   dl::DoFHandler<3> dofs(triangulation);
-  const dl::hp::FECollection<3> elements(dl::FE_SimplexP<3>{order},
-                                         dl::FE_Nothing<3>(dl::ReferenceCells::Tetrahedron));
+  const dl::FE_SimplexP<3> shapes(order);
+  const dl::hp::FECollection<3> elements(shapes, dl::FE_Nothing<3>(dl::ReferenceCells::Tetrahedron));
   const auto is_in = [&](int file_cell) {
     return !conductive_only || mesh_tags::conductive(mesh_->cell_tags[file_cell]);
   };

@@ -18,11 +18,11 @@ namespace {
 using namespace wiggers;
 using Entry = std::variant<std::vector<double>, double, std::string>;
 
+// One beat in coarse steps: a small file, so that many are tried.
 const Scene& scene() {
-  static const Scene made = [] {
-    Scene s = read_scene(WIGGERS_SCENES "/elastance_healthy.toml", {"run.until=\"beats\"", "run.beats=1"});
-    return s;
-  }();
+  static const Scene made =
+      read_scene(WIGGERS_SCENES "/elastance_healthy.toml",
+                 {"run.until=\"beats\"", "run.beats=1", "solver.inductors=\"implicit\"", "solver.dt_s=1e-2"});
   return made;
 }
 
@@ -117,6 +117,7 @@ void go_on(const std::filesystem::path& path) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return 0;
+  (void)good();  // what fails here is no finding: the fuzzer itself is wrong
   const std::filesystem::path path = fuzzing::folder() / "r.h5";
   fuzzing::must_end_in_words([&] {
     if (data[0] == 'b') {

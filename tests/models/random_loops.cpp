@@ -63,7 +63,7 @@ Answer answer(const Loop& loop, const LoopIntegrator& integrator, double distanc
 
 TEST_CASE("random loops: runge-kutta-4 and cvode agree within half a per cent, or there is a reason") {
   const char* wanted = std::getenv("WIGGERS_RANDOM_LOOPS");
-  const int draws = wanted ? std::atoi(wanted) : 250;
+  const int draws = wanted ? std::atoi(wanted) : 500;
   std::mt19937 random(20);
   int good = 0, unphysical = 0, other = 0;
   for (int draw = 0; draw < draws; ++draw) {
