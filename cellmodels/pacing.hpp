@@ -15,6 +15,10 @@ struct CellIntegrator {
   double relative_tolerance = 1e-8;   // adaptive
   double absolute_tolerance = 1e-10;  // adaptive; of a state of size one, see CellModel::absolute_tolerances
   double dt_ms = 0.02;                // fixed steps: the largest step; spans between edges are divided evenly
+
+  static constexpr double tightest_tolerance = 1e-12;
+  void tighten(
+      double relative);  // to this relative tolerance, if it is looser, as far as double precision allows
 };
 
 struct PacingProtocol {
