@@ -360,12 +360,12 @@ class PacedSearch {
     }
   }
 
-  // The rhythm of so many beats from a state; 0: unclear. The state moves along.
+  // The rhythm of so many beats, at least rhythm_beats, from a state; 0: unclear. The state moves along.
   int look(State& state, int beats) {
     rhythm_.forget();
     rhythm_.see(state);
     for (int n = 0; n < beats && spent_ < settings_.max_beats; ++n) pace(state);
-    return rhythm_.period(std::max(watched_, doubtful_beats));
+    return rhythm_.period(doubtful_beats);
   }
 
   void pace(State& state) {
@@ -532,16 +532,18 @@ class PacedSearch {
   }
 
   // Whether rounds from beside a cycle come back to it: the search converges to cycles as well that pacing
-  // leaves. Then `state` is where the rounds went.
+  // leaves. After rhythms that were none every cycle is looked at, as long as they are watched. Then `state`
+  // is where the rounds went.
   Stability stability_of(State& state, int beats) {
-    if (suspicion_ < suspicious_multiplier) return Stability::stable;
+    if (suspicion_ < suspicious_multiplier && watched_ == 0) return Stability::stable;
+    const int rounds = std::max(stability_rounds, watched_ / beats);
     const double small = std::clamp(1e4 * settings_.map_noise, 1e-4, 1e-2);
     State beside = state;
     for (std::size_t i = 0; i < beside.size(); ++i)
       beside[i] += (i % 2 == 0 ? small : -small) * std::min(map_.scales[i], std::abs(beside[i]) + 1e-3);
     map_.admit(beside);
     std::vector<State> away;
-    for (int n = 0; n < stability_rounds; ++n) {
+    for (int n = 0; n < rounds; ++n) {
       for (int k = 0; k < beats; ++k) beside = one_beat(beside);
       State difference(beside.size());
       for (std::size_t i = 0; i < beside.size(); ++i) difference[i] = (beside[i] - state[i]) / map_.scales[i];
@@ -559,7 +561,7 @@ class PacedSearch {
       for (double x : v) largest = std::max(largest, std::abs(x));
       return largest;
     };
-    const double first = alternation(stability_rounds - 4), last = alternation(stability_rounds - 2);
+    const double first = alternation(rounds - 4), last = alternation(rounds - 2);
     const bool alternates = last >= first && last > 100 * settings_.map_noise;
     const bool runs_away = size(away.back()) > 3 * size(away.front());
     if (!alternates && !runs_away) return Stability::stable;
