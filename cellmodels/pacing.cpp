@@ -321,6 +321,7 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
     certificate = next;
   }
   certificate.beats = beats;
+  multiplier_ = certificate.multiplier;
   if (certificate.verdict == LimitCycleVerdict::period_n) {
     std::vector<std::pair<double, double>> peaks;
     std::vector<double> y = state;
@@ -378,6 +379,9 @@ std::optional<double> PacedCell::integrator_shift(const std::vector<double>& on_
   LimitCycleSettings settings;
   settings.distance = 1e-5;
   settings.max_beats = 100;
+  settings.known_multiplier = multiplier_;
+  if (is_adaptive(finer.name))
+    finer.tighten(tolerance_per_change * settings.distance * (1 - std::min(multiplier_, slowest_multiplier)));
   std::vector<double> moved = on_cycle;
   PacedCell cell(model_, parameters_, protocol_, finer);
   try {

@@ -70,12 +70,15 @@ LONGEST = 40
 def paced(command, model, period, change, beats):
     """Features of the last beats of plain pacing."""
     with tempfile.TemporaryDirectory() as folder:
-        state = str(Path(folder) / "state.csv")
+        state = str(Path(folder) / "0.csv")
         cell(command, model, period, change, "--beats", str(beats), "--final-state", state)
         features = []
-        for _ in range(2 * LONGEST):
-            features.append(cell(command, model, period, change, "--beats", "1", "--start", state, "--final-state",
-                                 state)["features"])
+        for n in range(2 * LONGEST):
+            start, state = state, str(Path(folder) / f"{n + 1}.csv")
+            beat = cell(command, model, period, change, "--beats", "1", "--start", start, "--final-state", state)
+            if isinstance(beat, str):
+                raise RuntimeError(beat)
+            features.append(beat["features"])
         return features
 
 
