@@ -45,16 +45,23 @@ void make_admissible(const CellModel& model, std::vector<double>& state) {
 }
 
 namespace {
-constexpr double tightest_tolerance = 1e-12;
 // A change over a beat of ten tolerances is noise, and a slow cell's distance is a thousand such changes.
 constexpr double tolerance_per_distance = 1e-4;
 constexpr double changes_above_noise = 1e3;
+// Of a cell whose multiplier is known: its noise is some sixty tolerances.
+constexpr double tolerance_per_change = 1e-2;
+constexpr double slowest_multiplier = 0.999;
 
 bool is_cycle(const LimitCycleCertificate& c) { return c.good() || c.verdict == LimitCycleVerdict::period_n; }
 bool missed(const LimitCycleCertificate& c, const LimitCycleSettings& settings) {
   return is_cycle(c) && c.distance > settings.distance;
 }
 }  // namespace
+
+void CellIntegrator::tighten(double relative) {
+  relative_tolerance = std::max(tightest_tolerance, std::min(relative_tolerance, relative));
+  absolute_tolerance = std::max(1e-16, std::min(absolute_tolerance, 0.01 * relative_tolerance));
+}
 
 PacedCell::PacedCell(const CellModel& model, std::vector<double> parameters, PacingProtocol protocol,
                      CellIntegrator integrator)
@@ -277,28 +284,30 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
   // tolerance that allows the distance asked for, and where that does not do with tighter ones, from where
   // the last ended, as far as double precision allows.
   CellIntegrator finer = integrator_;
-  const auto tighten = [&](double relative) {
-    finer.relative_tolerance = std::max(tightest_tolerance, std::min(finer.relative_tolerance, relative));
-    finer.absolute_tolerance =
-        std::max(1e-16, std::min(finer.absolute_tolerance, 0.01 * finer.relative_tolerance));
-  };
   const bool adaptive = is_adaptive(integrator_.name);
-  if (adaptive) tighten(tolerance_per_distance * settings.distance);
+  if (adaptive) finer.tighten(tolerance_per_distance * settings.distance);
   const auto search_finely = [&](std::vector<double>& from, const LimitCycleSettings& how) {
     PacedCell cell(model_, parameters_, protocol_, finer);
     const LimitCycleCertificate found = cell.search(from, how, after_beat, this);
     invariant_drift_ = cell.invariant_drift();
+    finer = cell.integrator_;
     return found;
   };
   LimitCycleCertificate certificate =
       adaptive ? search_finely(state, settings) : search(state, settings, after_beat);
   int beats = certificate.beats;
   while (adaptive && (certificate.noisy || missed(certificate, settings)) &&
-         finer.relative_tolerance > 1.01 * tightest_tolerance && beats < settings.max_beats) {
-    tighten(0.01 * finer.relative_tolerance);
+         finer.relative_tolerance > 1.01 * CellIntegrator::tightest_tolerance && beats < settings.max_beats) {
+    // By what is missing, and some more.
+    finer.tighten(std::clamp(0.1 * settings.distance / certificate.distance, 0.01, 0.1) *
+                  finer.relative_tolerance);
     LimitCycleSettings rest = settings;
     rest.max_beats = settings.max_beats - beats;
     rest.known_multiplier = certificate.multiplier;
+    if (certificate.good()) {  // what is left of the way leads to no other cycle
+      rest.attractor = Attractor::any;
+      rest.plain_beats = 0;
+    }
     std::vector<double> closer = state;
     LimitCycleCertificate next;
     try {
@@ -312,6 +321,7 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
     certificate = next;
   }
   certificate.beats = beats;
+  multiplier_ = certificate.multiplier;
   if (certificate.verdict == LimitCycleVerdict::period_n) {
     std::vector<std::pair<double, double>> peaks;
     std::vector<double> y = state;
@@ -342,7 +352,11 @@ LimitCycleCertificate PacedCell::search(std::vector<double>& state, LimitCycleSe
   const double near = coarse ? changes_above_noise * coarse->integrator_.relative_tolerance : 0;
   bool far = coarse != nullptr;
   const auto watch = [&](const LimitCycleCertificate& c) {
-    if (c.residual < near) far = false;
+    if (far && c.residual < near) {
+      far = false;
+      integrator_.tighten(tolerance_per_change * settings.distance *
+                          (1 - std::min(c.multiplier, slowest_multiplier)));
+    }
     if (after_beat) after_beat(c);
   };
   map.beat = [&](const std::vector<double>& start) {
@@ -365,6 +379,9 @@ std::optional<double> PacedCell::integrator_shift(const std::vector<double>& on_
   LimitCycleSettings settings;
   settings.distance = 1e-5;
   settings.max_beats = 100;
+  settings.known_multiplier = multiplier_;
+  if (is_adaptive(finer.name))
+    finer.tighten(tolerance_per_change * settings.distance * (1 - std::min(multiplier_, slowest_multiplier)));
   std::vector<double> moved = on_cycle;
   PacedCell cell(model_, parameters_, protocol_, finer);
   try {

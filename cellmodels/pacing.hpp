@@ -15,6 +15,10 @@ struct CellIntegrator {
   double relative_tolerance = 1e-8;   // adaptive
   double absolute_tolerance = 1e-10;  // adaptive; of a state of size one, see CellModel::absolute_tolerances
   double dt_ms = 0.02;                // fixed steps: the largest step; spans between edges are divided evenly
+
+  static constexpr double tightest_tolerance = 1e-12;
+  void tighten(
+      double relative);  // to this relative tolerance, if it is looser, as far as double precision allows
 };
 
 struct PacingProtocol {
@@ -71,8 +75,8 @@ class PacedCell {
   AdaptiveCounts counts() const { return adaptive_ ? adaptive_->counts() : AdaptiveCounts{}; }
 
   // How far the cycle itself moves, in scaled units, if the step is halved (adaptive: the tolerance divided
-  // by ten): the finer integrator is brought to its own cycle from this one, to a distance of 1e-5. Nothing
-  // if it finds none.
+  // by ten, or by more for a slow cell whose distance could not be told from noise): the finer integrator is
+  // brought to its own cycle from this one, to a distance of 1e-5. Nothing if it finds none.
   std::optional<double> integrator_shift(const std::vector<double>& on_cycle,
                                          const std::function<void()>& between_beats = {}) const;
 
@@ -93,6 +97,7 @@ class PacedCell {
   CellIntegrator integrator_;
   std::unique_ptr<AdaptiveIntegrator> adaptive_;
   double invariant_drift_ = 0;
+  double multiplier_ = 0;  // of the cycle found last
 };
 
 // Brings a proposed state back to where it has a meaning: gates to [0, 1], concentrations positive.

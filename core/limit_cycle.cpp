@@ -20,6 +20,7 @@ constexpr double largest_growth = 1000;
 
 constexpr double longest_jump = 1e4;
 constexpr double unknown_multiplier = 0.999;
+constexpr int fewest_pairs = 5;
 // A jump that went astray is followed by shorter ones, which grow again.
 constexpr double shorter = 0.3, longer = 1.5;
 
@@ -103,6 +104,9 @@ void take_verdict(SavedNumbers& in, LimitCycleCertificate& c) {
 std::string limit_cycle_failure(const LimitCycleCertificate& c) {
   if (c.verdict == LimitCycleVerdict::unphysical) return c.reason;
   const bool may_go_on = c.verdict == LimitCycleVerdict::not_converged;
+  if (may_go_on && c.period > longest_cycle_beats)
+    return fmt::format("there is no limit cycle of up to {} beats where pacing goes: {} after {} beats. {}",
+                       longest_cycle_beats, c.text(), c.beats, c.reason);
   return fmt::format(
       "{}: {} after {} beats, distance {:.2g}.{}{}{}",
       c.verdict == LimitCycleVerdict::period_n ? "no limit cycle of one beat"
@@ -201,11 +205,16 @@ std::vector<double> LimitCycleSearch::next(const std::vector<double>& x, const s
           if (std::abs(eigenvalues(k)) < 1.0) multiplier = std::max(multiplier, std::abs(eigenvalues(k)));
         // Differences near the map's own noise say nothing about its slope: keep the last sound estimate.
         if (latest_difference > 1e3 * noise) {
-          certificate_.multiplier = multiplier;
-          suspicious_multiplier_ = 0;
+          // A few pairs see only some directions: what is known of the slowest counts on.
+          const bool few = m < fewest_pairs;
+          certificate_.multiplier = few ? std::max(settings_.known_multiplier, multiplier) : multiplier;
+          double suspicious = 0;
           for (int k = 0; k < eigenvalues.size(); ++k)
             if (eigenvalues(k).real() < 0 || std::abs(eigenvalues(k)) >= 1)
-              suspicious_multiplier_ = std::max(suspicious_multiplier_, std::abs(eigenvalues(k)));
+              suspicious = std::max(suspicious, std::abs(eigenvalues(k)));
+          // One that is the map's is in the next estimate as well; noise is not.
+          suspicious_multiplier_ = std::min(suspicious, latest_suspicious_);
+          latest_suspicious_ = suspicious;
         }
       }
     }

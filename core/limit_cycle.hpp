@@ -60,7 +60,7 @@ struct LimitCycleCertificate {
   double residual = 0;    // scaled change over the last beat
   double multiplier = 0;  // estimated leading multiplier on the leaf
   int beats = 0;          // beats spent, Newton's perturbed ones included
-  int period = 1;         // beats after which the state repeats itself
+  int period = 1;         // beats after which the state repeats itself; not_converged: 9 or more, if it does
   bool noisy = false;     // the map's noise ended the search short of the distance asked for
   std::string reason;     // why the verdict is not period_1, or what else there is to know; empty: nothing
 
@@ -126,7 +126,7 @@ class LimitCycleSearch {
   int relaxing_ = 0;     // plain beats left before the next jump
   bool jumped_ = false;  // there was a jump since the search last fell back to the best state
   double reach_ = 1;     // share of a jump that is dared: less after one that went astray
-  double suspicious_multiplier_ = 0;
+  double suspicious_multiplier_ = 0, latest_suspicious_ = 0;
   LimitCycleCertificate certificate_;
 };
 

@@ -213,8 +213,17 @@ constexpr int most_rounds = 200;
 // Of a search that gets nowhere at a change below this, the map's noise is to blame.
 constexpr double noisy_residual = 1e-3;
 constexpr double noisy_bend = 0.5;
+// A change below so many times the map's stated accuracy that has not halved for so many rounds is noise.
+constexpr double noise_per_accuracy = 200;
+constexpr int rounds_in_noise = 4;
 // Plain beats that show the rhythm of a state near a cycle.
 constexpr int rhythm_beats = 3 * longest_cycle_beats + 3;
+// After a rhythm that proved to be none, the next is watched for so many beats, then for twice as many, ...
+constexpr int doubtful_beats = rhythm_beats - longest_cycle_beats;
+constexpr int most_doubtful_beats = longest_rhythm_beats;
+// A longer rhythm ends the search when it has come back to the distance asked for through so many beats: as
+// ions drift one follows another.
+constexpr int settled_beats = 4 * longest_rhythm_beats;
 // The states within a round may come nearer to each other, or farther apart, by this factor from one round to
 // the next; more is another rhythm.
 constexpr double largest_change_of_shape = 4;
@@ -236,13 +245,26 @@ struct RhythmChanged : NumericalFailure {
 class PacedSearch {
  public:
   PacedSearch(const BeatMap& map, const LimitCycleSettings& settings, const AfterBeat& after_beat)
-      : map_(map), settings_(settings), after_beat_(after_beat), rhythm_(map.scales) {}
+      : map_(map),
+        settings_(settings),
+        after_beat_(after_beat),
+        rhythm_(map.scales, noise_per_accuracy * settings.map_noise) {}
 
   LimitCycleCertificate run(State& state) {
     rhythm_.see(state);
     int period = pace_until_clear(state, settings_.plain_beats);
     while (period > 0 && spent_ < settings_.max_beats) {
       State found = state;
+      const Rhythm before = rhythm_;
+      const int spent_before = spent_;
+      // An acceleration whose rhythm proves to be none is taken back and pacing goes on from where it was: of
+      // several attractors, of many beats too, a search that went on from elsewhere would reach another. As
+      // many plain beats as were lost, so that no more than half of all ever are.
+      const auto take_back = [&] {
+        rhythm_ = before;
+        watched_ = std::min(std::max(2 * watched_, doubtful_beats), most_doubtful_beats);
+        return pace_until_clear(state, spent_ - spent_before);
+      };
       const Outcome outcome = accelerate(found, period);
       if (outcome == Outcome::converged) {
         const int beats = beats_of_cycle(found, period);
@@ -254,41 +276,48 @@ class PacedSearch {
           certificate_.beats = spent_;
           return certificate_;
         }
-        // Its beats went somewhere else, and on from there: if they alternate, to a cycle twice as long, at
-        // first.
-        state = found;
-        rhythm_.forget();
-        rhythm_.see(state);
-        period = pace_until_clear(state, rhythm_beats + plain_beats_after * beats);
-        if (stability == Stability::alternates && period > 0 && 2 * beats <= longest_cycle_beats &&
-            (2 * beats) % period == 0)
+        // Its beats went somewhere else: if they alternate, to a cycle twice as long, at first.
+        const int next = look(found, rhythm_beats + plain_beats_after * beats);
+        const bool doubles = 2 * beats <= longest_cycle_beats && next > 0 && (2 * beats) % next == 0;
+        if (next == 2 * beats || (stability == Stability::alternates && doubles)) {
           period = 2 * beats;
+          state = found;
+        } else {
+          period = take_back();
+        }
         continue;
       }
-      // Beats from where the search ended tell whether there is another rhythm, or whether all that is left
-      // of the change is the map's noise.
-      State nearby = found;
-      const LimitCycleCertificate ended = certificate_;
-      rhythm_.forget();
-      rhythm_.see(nearby);
-      const int seen = outcome == Outcome::rhythm_changed ? 0 : pace_until_clear(nearby, rhythm_beats);
-      if (seen > 0 && seen != period) {
-        period = seen;
-        state = nearby;
-        continue;
+      if (outcome == Outcome::rhythm_changed) {
+        if (const int again = take_back(); again != period) {
+          period = again;
+          continue;
+        }
+      } else {
+        // Beats from where the search ended tell whether there is another rhythm, or whether all that is left
+        // of the change is the map's noise.
+        const LimitCycleCertificate ended = certificate_;
+        State nearby = found;
+        const int seen = look(nearby, rhythm_beats);
+        if (seen == 2 * period) {  // an alternation that came with the drift
+          period = seen;
+          state = nearby;
+          continue;
+        }
+        if (seen != period) {
+          period = take_back();
+          continue;
+        }
+        if (rhythm_.change(period) < noisy_residual && rhythm_.bend(period) > noisy_bend) {
+          state = found;
+          certificate_ = ended;
+          certificate_.period = period;
+          certificate_.beats = spent_;
+          certificate_.noisy = true;
+          return certificate_;
+        }
+        // Along the way of plain beats: from here, if it is farther on that way, else from where they were.
+        if (rhythm_.bend(period) < steady_drift) state = nearby;
       }
-      if (outcome == Outcome::stalled && seen == period && rhythm_.change(period) < noisy_residual &&
-          rhythm_.bend(period) > noisy_bend) {
-        state = found;
-        certificate_ = ended;
-        certificate_.period = period;
-        certificate_.beats = spent_;
-        certificate_.noisy = true;
-        return certificate_;
-      }
-      // Along the way of plain beats: from here, if it is farther on that way, else from where they were.
-      if (outcome == Outcome::stalled && seen == period && rhythm_.bend(period) < steady_drift)
-        state = nearby;
       follow_drift(state, period);
       rhythm_.forget();
       rhythm_.see(state);
@@ -312,19 +341,40 @@ class PacedSearch {
     if (after_beat_) after_beat_(certificate_);
   }
 
-  // At least `plain` beats, then until the rhythm is clear. 0: it never is.
+  // At least `plain` beats, then until the rhythm is clear. 0: it never is, or is a longer one; the
+  // certificate says what was seen.
   int pace_until_clear(State& state, int plain) {
+    int longer = 0, repeated = 0;
     for (int n = 0;; ++n) {
       if (n >= plain)
-        if (const int period = rhythm_.period()) return period;
-      if (spent_ >= settings_.max_beats) return 0;
-      state = one_beat(state);
-      map_.admit(state);
-      rhythm_.see(state);
-      certificate_.residual = rhythm_.change(1);
-      certificate_.distance = certificate_.residual;
-      report();
+        if (const int period = rhythm_.period(watched_)) return period;
+      const int now = rhythm_.longer_period();
+      repeated = now > 0 && now == longer && rhythm_.change(now) <= settings_.distance ? repeated + 1 : 0;
+      longer = now;
+      if (repeated >= settled_beats || spent_ >= settings_.max_beats) {
+        certificate_.reason = describe(rhythm_);
+        if (repeated > 0) certificate_.period = longer;
+        return 0;
+      }
+      pace(state);
     }
+  }
+
+  // The rhythm of so many beats, at least rhythm_beats, from a state; 0: unclear. The state moves along.
+  int look(State& state, int beats) {
+    rhythm_.forget();
+    rhythm_.see(state);
+    for (int n = 0; n < beats && spent_ < settings_.max_beats; ++n) pace(state);
+    return rhythm_.period(doubtful_beats);
+  }
+
+  void pace(State& state) {
+    state = one_beat(state);
+    map_.admit(state);
+    rhythm_.see(state);
+    certificate_.residual = rhythm_.change(1);
+    certificate_.distance = certificate_.residual;
+    report();
   }
 
   // The map of a round of beats; throws RhythmChanged where its beats are no longer what they were.
@@ -385,6 +435,19 @@ class PacedSearch {
       if (search.best_residual() < 0.5 * best) {
         best = search.best_residual();
         patience = rounds_of_patience;
+      }
+      if (search.running() && best < noise_per_accuracy * settings_.map_noise &&
+          patience <= rounds_of_patience - rounds_in_noise) {
+        // It would wait for a change that is small by chance.
+        suspicion_ = search.suspicious_multiplier();
+        state = search.best_state();
+        map_.admit(state);
+        certificate_.residual = search.best_residual();
+        certificate_.distance = search.best_residual() / std::max(1e-6, 1 - certificate_.multiplier);
+        certificate_.noisy = certificate_.distance > settings_.distance;
+        const bool near = certificate_.distance <= std::max(settings_.distance, largest_noisy_distance);
+        certificate_.verdict = near ? LimitCycleVerdict::period_1 : LimitCycleVerdict::not_converged;
+        return near ? Outcome::converged : Outcome::stalled;
       }
     }
     suspicion_ = search.suspicious_multiplier();
@@ -469,16 +532,18 @@ class PacedSearch {
   }
 
   // Whether rounds from beside a cycle come back to it: the search converges to cycles as well that pacing
-  // leaves. Then `state` is where the rounds went.
+  // leaves. After rhythms that were none every cycle is looked at, as long as they are watched. Then `state`
+  // is where the rounds went.
   Stability stability_of(State& state, int beats) {
-    if (suspicion_ < suspicious_multiplier) return Stability::stable;
+    if (suspicion_ < suspicious_multiplier && watched_ == 0) return Stability::stable;
+    const int rounds = std::max(stability_rounds, watched_ / beats);
     const double small = std::clamp(1e4 * settings_.map_noise, 1e-4, 1e-2);
     State beside = state;
     for (std::size_t i = 0; i < beside.size(); ++i)
       beside[i] += (i % 2 == 0 ? small : -small) * std::min(map_.scales[i], std::abs(beside[i]) + 1e-3);
     map_.admit(beside);
     std::vector<State> away;
-    for (int n = 0; n < stability_rounds; ++n) {
+    for (int n = 0; n < rounds; ++n) {
       for (int k = 0; k < beats; ++k) beside = one_beat(beside);
       State difference(beside.size());
       for (std::size_t i = 0; i < beside.size(); ++i) difference[i] = (beside[i] - state[i]) / map_.scales[i];
@@ -496,7 +561,7 @@ class PacedSearch {
       for (double x : v) largest = std::max(largest, std::abs(x));
       return largest;
     };
-    const double first = alternation(stability_rounds - 4), last = alternation(stability_rounds - 2);
+    const double first = alternation(rounds - 4), last = alternation(rounds - 2);
     const bool alternates = last >= first && last > 100 * settings_.map_noise;
     const bool runs_away = size(away.back()) > 3 * size(away.front());
     if (!alternates && !runs_away) return Stability::stable;
@@ -517,6 +582,7 @@ class PacedSearch {
   LimitCycleCertificate certificate_;
   double suspicion_ = 0;
   int spent_ = 0;
+  int watched_ = 0;  // beats through which a rhythm must have held to be believed
 };
 
 LimitCycleCertificate search_by_method(const BeatMap& map, const LimitCycleSettings& settings, State& state,
@@ -531,11 +597,11 @@ LimitCycleCertificate search_by_method(const BeatMap& map, const LimitCycleSetti
 }
 
 // What plain beats from a state do, in words.
-std::string seen_from(const BeatMap& map, State state) {
+std::string seen_from(const BeatMap& map, State state, int beats) {
   Rhythm rhythm(map.scales);
   rhythm.see(state);
   try {
-    for (int beat = 0; beat < rhythm_beats; ++beat) {
+    for (int beat = 0; beat < beats; ++beat) {
       state = map.beat(state);
       map.admit(state);
       rhythm.see(state);
@@ -552,7 +618,9 @@ LimitCycleCertificate find_limit_cycle(const BeatMap& map, const LimitCycleSetti
                                        const AfterBeat& after_beat) {
   LimitCycleCertificate certificate = search_by_method(map, settings, state, after_beat);
   const bool found = certificate.good() || certificate.verdict == LimitCycleVerdict::period_n;
-  if (!found && certificate.reason.empty()) certificate.reason = seen_from(map, state);
+  // As many beats for the words as longer rhythms need, where the search has spent many more.
+  const int beats = std::clamp(certificate.beats / 20, rhythm_beats, 2 * longest_rhythm_beats + 1);
+  if (!found && certificate.reason.empty()) certificate.reason = seen_from(map, state, beats);
   return certificate;
 }
 

@@ -12,10 +12,14 @@ namespace {
 // ratio 0.7 or less passes for a rhythm of one beat; a slower one is taken for two, which does no harm: its
 // cycle of two beats is found to be one of one.
 constexpr double nearer = 0.5;
-constexpr std::size_t remembered = 3 * longest_cycle_beats + 3;
+constexpr std::size_t remembered = 2 * longest_rhythm_beats + 2;
 // Beats that still differ by more than this (scaled) have no rhythm yet: blocks of every second beat may show
 // after several that pass for regular ones.
 constexpr double settled = 1;
+// A beat that differs from the last by more than this (scaled), and by so many times more than the beat
+// before did, is none of a rhythm of one beat: a calcium release that is missed now and then.
+constexpr double jump = 1e-3;
+constexpr double sudden = 4;
 }  // namespace
 
 double scaled_distance(const std::vector<double>& a, const std::vector<double>& b,
@@ -52,24 +56,42 @@ bool Rhythm::comes_back(int period, int before) const {
   return true;
 }
 
-int Rhythm::period() const {
+int Rhythm::longer_period() const {
+  for (int period = longest_cycle_beats + 1; period <= longest_rhythm_beats; ++period) {
+    bool clear = size() > 2 * period;
+    for (int before = 0; before < period && clear; ++before) clear = comes_back(period, before);
+    if (clear) return period;
+  }
+  return 0;
+}
+
+bool Rhythm::jumps(int watched) const {
+  for (int before = 0; before < watched; ++before)
+    if (change(1, before) > std::max(jump, sudden * change(1, before + 1))) return true;
+  return false;
+}
+
+int Rhythm::period(int watched) const {
   // A return counts if it was one all through a period before, and through two where it is longer than
   // alternation: transients pass through such patterns.
   for (int period = 2; period <= longest_cycle_beats; ++period) {
-    const int watched = period > 2 ? 2 * period : period;
-    bool clear = size() > period + watched;
-    for (int before = 0; before < watched && clear; ++before) clear = comes_back(period, before);
+    const int returns = std::max(watched, period > 2 ? 2 * period : period);
+    bool clear = size() > period + returns;
+    for (int before = 0; before < returns && clear; ++before) clear = comes_back(period, before);
     if (clear) return period;
   }
-  if (size() < 3 || change(1) > settled) return 0;
+  if (size() < std::max(3, watched + 2) || change(1) > settled || jumps(watched)) return 0;
   // One beat: the latest state is not nearer to an older one than to the last.
   for (int older = 2; older < std::min(size(), longest_cycle_beats + 1); ++older)
-    if (change(older) < change(1)) return 0;
+    if (change(1) > noise_ && change(older) < change(1)) return 0;
   return 1;
 }
 
 std::string describe(const Rhythm& rhythm) {
   if (rhythm.size() < 4) return "";
+  if (const int longer = rhythm.longer_period())
+    return fmt::format("The beats repeat every {} beats but for {:.1e} (scaled) a round.", longer,
+                       rhythm.change(longer));
   const int period = rhythm.period();
   const bool steady = period > 0 && rhythm.size() > 2 * period && rhythm.bend(period) < 0.5;
   if (period > 1 && steady)

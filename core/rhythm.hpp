@@ -8,17 +8,24 @@
 
 namespace wiggers {
 
+// Rhythms longer than the cycles that are searched for are told, up to this one.
+inline constexpr int longest_rhythm_beats = 64;
+
 class Rhythm {
  public:
-  explicit Rhythm(std::vector<double> scales) : scales_(std::move(scales)) {}
+  // States that differ by less than the noise (scaled) are the same.
+  explicit Rhythm(std::vector<double> scales, double noise = 0) : scales_(std::move(scales)), noise_(noise) {}
 
   // The states at the starts of successive plain beats.
   void see(const std::vector<double>& state);
   void forget() { states_.clear(); }
 
-  // The smallest number of beats after which the state comes back much nearer than after any fewer, and did
-  // so before; 0 while that is not clear. One beat is the rhythm of what does not alternate, drift or not.
-  int period() const;
+  // The smallest number of beats, 1 to 8, after which the state comes back much nearer than after any fewer,
+  // and did so all through the `watched` beats before; 0 while that is not clear. One beat is the rhythm of
+  // what does not alternate, drift or not.
+  int period(int watched = 0) const;
+  // The same of rhythms from 9 to 64 beats, watched through one round.
+  int longer_period() const;
 
   // Largest scaled difference between states this many beats apart, the latest of which is `before` beats
   // old.
@@ -29,8 +36,10 @@ class Rhythm {
 
  private:
   bool comes_back(int period, int before) const;
+  bool jumps(int watched) const;
 
   std::vector<double> scales_;
+  double noise_;
   std::deque<std::vector<double>> states_;
 };
 

@@ -183,3 +183,16 @@ TEST_CASE("cycles from the published start: few beats, one cycle by every method
     CHECK((*shift > 1e-5 && *shift < 0.05));
   }
 }
+
+TEST_CASE("a slow cell is not left to its integrator's noise") {
+  // CRN's noise is some sixty tolerances, and its distance three hundred changes over a beat.
+  const CellModel& model = find_model("crn");
+  PacedCell cell(model, model.parameter_values("default"), {1000, model.default_stimulus}, {});
+  std::vector<double> state = model.default_state();
+  LimitCycleSettings settings;
+  settings.attractor = Attractor::paced;
+  const auto certificate = cell.to_limit_cycle(state, settings);
+  CHECK(certificate.good());
+  CHECK(certificate.distance <= 1e-6);
+  CHECK(certificate.beats <= 36);
+}

@@ -157,3 +157,17 @@ TEST_CASE("a map without a fixed point is refused by Newton in words") {
   std::vector<double> x = {0};
   CHECK_THROWS_WITH(find_limit_cycle(map, settings, x), Catch::Contains("multiplier of one"));
 }
+
+TEST_CASE("what is known of the slowest direction counts until a search has seen enough") {
+  LimitCycleSettings settings;
+  settings.distance = 1e-5;
+  settings.known_multiplier = 0.99;
+  settings.plain_beats = 0;
+  LimitCycleSearch search(settings, {1, 1, 1});
+  // Far along the slow direction, where the change over a beat is small; the first pairs see a fast one.
+  std::vector<double> x = {1 + 3e-4, 2, 3 + 1e-5};
+  while (search.running()) x = search.next(x, slow_map(x));
+  CHECK(search.certificate().good());
+  CHECK(error_of(x) <= 1e-5);
+  CHECK(search.certificate().multiplier == Approx(0.99).margin(0.005));
+}

@@ -129,3 +129,62 @@ TEST_CASE("what beats did that found no cycle is said") {
   CHECK(attractor_named("paced") == Attractor::paced);
   CHECK_THROWS_WITH(attractor_named("pacd"), Catch::Contains("did you mean 'paced'"));
 }
+
+namespace {
+// A rotation by 5/13 of a turn that locks: thirteen beats, and a slow variable beside.
+BeatMap thirteen_beats() {
+  BeatMap map;
+  map.scales = {1, 1, 1};
+  map.admit = [](std::vector<double>&) {};
+  map.beat = [](const std::vector<double>& x) {
+    const double angle = std::atan2(x[1], x[0]), radius = 1 + 0.5 * (std::hypot(x[0], x[1]) - 1);
+    const double turned = angle + 2 * M_PI * 5 / 13 - 0.03 * std::sin(13 * angle);
+    return std::vector<double>{radius * std::cos(turned), radius * std::sin(turned), 1 + 0.98 * (x[2] - 1)};
+  };
+  return map;
+}
+}  // namespace
+
+TEST_CASE("a rhythm longer than eight beats is no cycle, and is told") {
+  std::vector<double> x = {0.3, 0.2, 0};
+  const auto certificate = paced(thirteen_beats(), x, 4000);
+  INFO(certificate.text() << " after " << certificate.beats << " beats; " << certificate.reason);
+  CHECK(certificate.verdict == LimitCycleVerdict::not_converged);
+  CHECK(certificate.period == 13);
+  CHECK(certificate.beats < 3000);
+  CHECK_THAT(certificate.reason, Catch::Contains("every 13 beats"));
+  CHECK_THAT(limit_cycle_failure(certificate),
+             Catch::Contains("no limit cycle of up to 8 beats") && !Catch::Contains("Allow more beats"));
+}
+
+TEST_CASE("alternation that slips now and then is none when it is watched for long enough") {
+  Rhythm slipping({1});
+  for (int n = 0; n < 60; ++n) slipping.see({(n % 11) % 2 + 1e-3 * (n % 11)});
+  CHECK(slipping.period() == 2);
+  CHECK(slipping.period(20) == 0);
+  CHECK(slipping.longer_period() == 11);
+  // A release that is missed every fifteen beats, at the 0th, 15th, 30th ...
+  Rhythm missing({1});
+  for (int n = 0; n < 56; ++n) missing.see({0.1 * std::exp(-0.5 * (n % 15))});
+  CHECK(missing.period() == 1);
+  CHECK(missing.period(20) == 0);
+  CHECK(missing.longer_period() == 15);
+}
+
+TEST_CASE("of cycles of many beats the one that pacing reaches") {
+  // Alternation that slips every 11 or every 13 beats; the second variable, which drifts through 0.5 at the
+  // 35th beat, says which, and remembers. A search that went on from elsewhere would decide otherwise.
+  BeatMap map;
+  map.scales = {1, 1, 1};
+  map.admit = [](std::vector<double>&) {};
+  map.beat = [](const std::vector<double>& x) {
+    const double beats = x[1] > 0.5 ? 13 : 11;
+    const double phase = std::fmod(std::round(x[2] * 11) + 1, beats);
+    return std::vector<double>{std::fmod(phase, 2) + 1e-3 * phase, std::min(1.0, x[1] + 0.015), phase / 11};
+  };
+  std::vector<double> x = {0, 0, 0};
+  const auto certificate = paced(map, x, 2000);
+  INFO(certificate.text() << " after " << certificate.beats << " beats; " << certificate.reason);
+  CHECK(certificate.period == 13);
+  CHECK_THAT(certificate.reason, Catch::Contains("every 13 beats"));
+}
