@@ -29,12 +29,15 @@ CellSense::CellSense(const CellModel& model) : model_(model) {
 void CellSense::see(double t_ms, const double* y) {
   rows_end_ms_ = t_ms;
   calcium_low_ = std::min(calcium_low_, units::uM_per_mM * y[model_.cytosolic_calcium]);
-  if (!finding_.empty()) return;
+  // The quantity that left its bounds first, where it is farthest outside.
   for (const Watched& w : watched_) {
+    if (found_ >= 0 && found_ != w.state) continue;
     const double value = w.factor * y[w.state];
-    if (value >= w.bounds.lower && value <= w.bounds.upper) continue;
+    const double excess = std::max(w.bounds.lower - value, value - w.bounds.upper);
+    if (!(excess > excess_)) continue;
+    found_ = w.state;
+    excess_ = excess;
     finding_ = sentence(w.bounds, value, fmt::format("at t = {:.4g} ms of the beat", t_ms));
-    return;
   }
 }
 

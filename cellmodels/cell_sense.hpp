@@ -28,6 +28,8 @@ class CellSense {
   const CellModel& model_;
   std::vector<Watched> watched_;
   double calcium_low_ = std::numeric_limits<double>::infinity(), rows_end_ms_ = 0;
+  int found_ = -1;
+  double excess_ = 0;
   std::string finding_;
 };
 

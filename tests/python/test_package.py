@@ -702,15 +702,15 @@ def test_why_there_is_no_duration_is_said(tmp_path):
 
 
 def test_cells_and_hearts_that_cannot_be_good_say_so_in_python():
-    dead = {"V_max_up": 0.0, "k_NaCa": 0.0, "g_pCa": 0.0, "Ca_o": 20.0}
+    dead = {"k_NaCa": 10.0, "g_pCa": 0.0, "Ca_o": 10.0}
     cell = wiggers.Cell("ttp06-epi", **dead)
     with pytest.raises(wiggers.NumericalFailure, match="no living cell"):
         cell.to_limit_cycle(distance=1e-4)
     batch = wiggers.Cell("ttp06-epi").batch({name: [value] * 2 for name, value in dead.items()}, distance=1e-4)
     assert all("no living cell" in reason for reason in batch.reasons)
-    loop = wiggers.Loop(changes={"elastance.LV.EA": 0.02})
+    loop = wiggers.Loop(changes={"elastance.LV.EA": 0.01})
     cycle = loop.to_limit_cycle()
     assert cycle.certificate.converged and cycle.certificate.verdict == "period-1"
     assert "period-1, with warnings: LV" in repr(cycle.certificate)
-    assert "LV" in loop.batch({"elastance.LV.EA": [0.02]}).notes[0]
+    assert "LV" in loop.batch({"elastance.LV.EA": [0.01]}).notes[0]
     assert pickle.loads(pickle.dumps(cycle.certificate)) == cycle.certificate
