@@ -191,17 +191,30 @@ void bind_cell(py::module_& m) {
           py::arg("start"), py::arg("beats"), py::arg("sample_ms"), py::arg("integrator"), py::arg("rtol"),
           py::arg("atol"), py::arg("progress"))
       .def(
-          "require_state", [](const CellModelOfPython& cell, const Array& state) { cell.state(state); },
-          py::arg("state"), "Refuses what is no state of this cell.")
+          "require_state",
+          [](const CellModelOfPython& cell, const Array& given) {
+            const std::vector<double> state = cell.state(given);
+            std::vector<double> held = state;
+            hold_charge(cell.study, held);
+            const double* p = cell.study.parameters.data();
+            const double wanted = cell.study.model->invariant(held.data(), p);
+            const double found = cell.study.model->invariant(state.data(), p);
+            if (!(std::abs(found - wanted) <= 1e-6 * std::max(1.0, std::abs(wanted))))
+              throw InputError(fmt::format(
+                  "the state's conserved charge is {:.9g} mV, that of this cell's cycles {:.9g} mV", found,
+                  wanted));
+          },
+          py::arg("state"), "Refuses what is on no cycle of this cell: ranges and charge are looked at.")
       .def(
           "indexes",
           [](const CellModelOfPython& cell, const Array& start) {
             std::vector<std::pair<std::string, double>> list;
-            for (const NamedValue& value : cell_indexes(cell.study, cell.state(start)))
+            std::string why_not;
+            for (const NamedValue& value : cell_indexes(cell.study, cell.state(start), &why_not))
               list.push_back({value.name, value.value});
-            return list;
+            return std::make_pair(list, why_not);
           },
-          py::arg("start"))
+          py::arg("start"), "The indexes, and why the beat is no action potential (empty: it is one).")
       .def(
           "sensitivities",
           [](CellModelOfPython cell, const Array& on_cycle, const std::function<void(double)>& progress) {
@@ -242,18 +255,20 @@ void bind_cell(py::module_& m) {
             const auto fill = [&](const CellStudy& study, const std::vector<double>& y, double* out,
                                   double* state) {
               std::size_t next = 0;
-              for (const NamedValue& value : cell_indexes(study, y)) {
+              std::string why_not;
+              for (const NamedValue& value : cell_indexes(study, y, &why_not)) {
                 while (order[next] != value.name) ++next;
                 out[next++] = value.value;
               }
               std::copy(y.begin(), y.end(), state);
+              return why_not.empty() ? why_not : "no action potential: " + why_not;
             };
             const auto one_by_one = [&](std::size_t sample, double* out, double* state) {
               const CellStudy study = study_of(sample);
               std::vector<double> y = near ? start : start_of(study);
               const auto certificate = to_limit_cycle(study, y, settings);
               if (!certificate.good()) throw NumericalFailure(limit_cycle_failure(certificate));
-              fill(study, y, out, state);
+              return fill(study, y, out, state);
             };
             const auto side_by_side = [&](const std::vector<std::size_t>& group, const BatchFill& fill_row) {
               std::vector<CellStudy> studies;
@@ -266,10 +281,10 @@ void bind_cell(py::module_& m) {
               const auto results = to_limit_cycles_in_lanes(studies, std::move(states), settings);
               for (std::size_t i = 0; i < group.size(); ++i)
                 fill_row(group[i], "", [&](double* out, double* state) {
-                  if (results[i].settled)
-                    fill(studies[i], results[i].state, out, state);
-                  else
-                    one_by_one(group[i], out, state);
+                  if (!results[i].settled) return one_by_one(group[i], out, state);
+                  const std::string unphysical = unphysical_beats(studies[i], results[i].state);
+                  if (!unphysical.empty()) throw NumericalFailure(unphysical);
+                  return fill(studies[i], results[i].state, out, state);
                 });
               return true;
             };

@@ -114,9 +114,15 @@ LimitCycleSettings cycle_settings(double distance, int max_beats, const std::str
   return settings;
 }
 
+std::string joined(const std::vector<std::string>& warnings) {
+  std::string all;
+  for (const std::string& warning : warnings) all += (all.empty() ? "" : "; ") + warning;
+  return all;
+}
+
 BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names,
                     std::vector<std::string> units, std::size_t n_states,
-                    const std::function<void(std::size_t, double*, double*)>& solve,
+                    const std::function<std::string(std::size_t, double*, double*)>& solve,
                     const std::function<void(double)>& progress, std::size_t group,
                     const std::function<bool(const std::vector<std::size_t>&, const BatchFill&)>& together) {
   if (threads < 1 || threads > 1024)
@@ -130,20 +136,21 @@ BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names,
   rows.values.assign(n * m, nothing);
   rows.states.assign(n * n_states, nothing);
   rows.reasons.assign(n, "");
+  rows.notes.assign(n, "");
   std::atomic<std::size_t> next{0};
   std::atomic<bool> stop{false};
   // Rows are written whole or not at all.
-  const BatchFill fill = [&](std::size_t k, const std::string& reason,
-                             const std::function<void(double*, double*)>& write) {
+  const BatchFill fill = [&](std::size_t k, const std::string& reason, const BatchWrite& write) {
     if (!reason.empty()) {
       rows.reasons[k] = reason;
       return;
     }
     std::vector<double> values(m, nothing), state(n_states, nothing);
     try {
-      write(values.data(), state.data());
+      const std::string note = write(values.data(), state.data());
       std::copy(values.begin(), values.end(), rows.values.begin() + static_cast<long>(k * m));
       std::copy(state.begin(), state.end(), rows.states.begin() + static_cast<long>(k * n_states));
+      rows.notes[k] = note;
     } catch (const std::exception& error) {
       rows.reasons[k] = error.what();
     }
@@ -161,7 +168,8 @@ BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names,
         }
       }
       for (std::size_t k : samples)
-        if (!solved && !stop) fill(k, "", [&](double* values, double* state) { solve(k, values, state); });
+        if (!solved && !stop)
+          fill(k, "", [&](double* values, double* state) { return solve(k, values, state); });
     }
   };
   const auto count = std::min<std::size_t>(static_cast<std::size_t>(threads), std::max<std::size_t>(1, n));
@@ -246,15 +254,17 @@ void bind_common(py::module_& m) {
 
   py::class_<LimitCycleCertificate>(m, "Certificate", "How close to the limit cycle a search ended.")
       .def(py::init([](const std::string& verdict, double distance, double residual, double multiplier,
-                       int beats, const std::string& reason) {
+                       int beats, const std::string& reason, const std::vector<std::string>& warnings) {
              const auto [v, period] = limit_cycle_verdict(verdict);
-             return LimitCycleCertificate{v, distance, residual, multiplier, beats, period, false, reason};
+             return LimitCycleCertificate{v,      distance, residual, multiplier, beats,
+                                          period, false,    reason,   warnings};
            }),
            py::arg("verdict"), py::arg("distance"), py::arg("residual"), py::arg("multiplier"),
-           py::arg("beats"), py::arg("reason") = "")
+           py::arg("beats"), py::arg("reason") = "", py::arg("warnings") = std::vector<std::string>())
       .def(py::pickle(
           [](const LimitCycleCertificate& c) {
-            return py::make_tuple(c.text(), c.distance, c.residual, c.multiplier, c.beats, c.reason);
+            return py::make_tuple(c.text(), c.distance, c.residual, c.multiplier, c.beats, c.reason,
+                                  c.warnings);
           },
           [](const py::tuple& t) {
             const auto [verdict, period] = limit_cycle_verdict(t[0].cast<std::string>());
@@ -265,7 +275,8 @@ void bind_common(py::module_& m) {
                                          t[4].cast<int>(),
                                          period,
                                          false,
-                                         t[5].cast<std::string>()};
+                                         t[5].cast<std::string>(),
+                                         t[6].cast<std::vector<std::string>>()};
           }))
       .def("__eq__", &equal_states, py::is_operator())
       .def_property_readonly("verdict", [](const LimitCycleCertificate& c) { return c.text(); })
@@ -276,10 +287,14 @@ void bind_common(py::module_& m) {
       .def_readonly("beats", &LimitCycleCertificate::beats)
       .def_readonly("period", &LimitCycleCertificate::period)
       .def_readonly("reason", &LimitCycleCertificate::reason)
+      .def_readonly(
+          "warnings", &LimitCycleCertificate::warnings,
+          "What the cycle is like where it can be, but is no good one: a ventricle that hardly ejects.")
       .def("__repr__", [](const LimitCycleCertificate& c) {
         return fmt::format(
             "Certificate({}, distance {:.2g}, residual {:.2g}, leading multiplier {:.4f}, {} beats{}{})",
-            c.text(), c.distance, c.residual, c.multiplier, c.beats, c.reason.empty() ? "" : ": ", c.reason);
+            c.text_with_warnings(), c.distance, c.residual, c.multiplier, c.beats,
+            c.reason.empty() ? "" : ": ", c.reason);
       });
 
   py::class_<Table, std::shared_ptr<Table>>(m, "Columns",
@@ -363,6 +378,7 @@ void bind_common(py::module_& m) {
       .def_readonly("names", &BatchRows::names)
       .def_readonly("units", &BatchRows::units)
       .def_readonly("reasons", &BatchRows::reasons)
+      .def_readonly("notes", &BatchRows::notes)
       .def_property_readonly("values",
                              [](const py::object& self) {
                                const auto& b = self.cast<BatchRows&>();

@@ -48,18 +48,23 @@ struct BatchRows {
   std::vector<std::string> names, units;  // of the outputs
   std::vector<double> values;             // [sample][output], NaN where a sample has no such output
   std::vector<std::string> reasons;       // empty: good; else why this sample has no result
-  std::vector<double> states;             // [sample][state] on the cycles, NaN where there is none
+  std::vector<std::string> notes;  // of good samples: why outputs are missing, warnings; empty: nothing
+  std::vector<double> states;      // [sample][state] on the cycles, NaN where there is none
   std::size_t n_states = 0;
 };
-// Fills the row of one sample: write(values, state), unless it has a reason to have none.
-using BatchFill = std::function<void(std::size_t, const std::string& reason,
-                                     const std::function<void(double*, double*)>& write)>;
-// Solves n samples in threads; solve(k, values, state) fills one row. What it throws is the sample's reason.
+// Writes values and state of one sample and returns the note on it.
+using BatchWrite = std::function<std::string(double*, double*)>;
+// Fills the row of one sample, unless it has a reason to have none.
+using BatchFill = std::function<void(std::size_t, const std::string& reason, const BatchWrite& write)>;
+// Warnings in one line.
+std::string joined(const std::vector<std::string>& warnings);
+// Solves n samples in threads; solve(k, values, state) fills one row and returns its note. What it throws is
+// the sample's reason.
 // together(samples, fill), if given, may solve up to `group` samples at once; where it returns false or
 // throws, they are solved one by one.
 BatchRows run_batch(
     std::size_t n, int threads, std::vector<std::string> names, std::vector<std::string> units,
-    std::size_t n_states, const std::function<void(std::size_t, double*, double*)>& solve,
+    std::size_t n_states, const std::function<std::string(std::size_t, double*, double*)>& solve,
     const std::function<void(double)>& progress, std::size_t group = 1,
     const std::function<bool(const std::vector<std::size_t>&, const BatchFill&)>& together = {});
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <wiggers/heart/accuracy.hpp>
 #include <wiggers/heart/heart_study.hpp>
+#include <wiggers/heart/rate_warnings.hpp>
 
 #include "common.hpp"
 
@@ -94,6 +95,7 @@ void bind_heart(py::module_& m) {
             {
               py::gil_scoped_release unlock;
               state = study->to_limit_cycle(settings, near ? &start : nullptr, after_beat(progress));
+              if (state.certificate.good()) state.certificate.warnings = study->warnings(state);
             }
             return py::make_tuple(owned(std::move(state.driver)), state.certificate);
           },
@@ -203,8 +205,10 @@ void bind_heart(py::module_& m) {
                   one.set_parameters(all);
                   const HeartState y = one.to_limit_cycle(settings, first.driver.empty() ? nullptr : &first);
                   if (!y.certificate.good()) throw NumericalFailure(limit_cycle_failure(y.certificate));
-                  fill_indexes(one.indexes(y), order, out);
+                  const BeatIndexes found = one.indexes(y);
+                  fill_indexes(found, order, out);
                   if (y.driver.size() == n_numbers) std::copy(y.driver.begin(), y.driver.end(), state);
+                  return joined(ejection_warnings(found));
                 },
                 progress);
           },

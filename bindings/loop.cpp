@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <wiggers/circulation/loop_beat.hpp>
+#include <wiggers/circulation/physical_sense.hpp>
 #include <wiggers/core/memory.hpp>
 #include <wiggers/core/settings.hpp>
 #include <wiggers/heart/loop_study.hpp>
+#include <wiggers/heart/rate_warnings.hpp>
 
 #include "common.hpp"
 
@@ -200,8 +202,9 @@ void bind_loop(py::module_& m) {
             LimitCycleCertificate certificate;
             {
               py::gil_scoped_release unlock;
-              certificate = LoopSolver(model.loop, model.integrator)
-                                .to_limit_cycle(state, settings, after_beat(progress));
+              const LoopSolver solver(model.loop, model.integrator);
+              certificate = solver.to_limit_cycle(state, settings, after_beat(progress));
+              if (certificate.good()) certificate.warnings = ejection_warnings(loop_indexes(solver, state));
             }
             return py::make_tuple(owned({state.begin(), state.end()}), certificate);
           },
@@ -231,8 +234,26 @@ void bind_loop(py::module_& m) {
           },
           py::arg("start"), py::arg("beats"), py::arg("sample_s"), py::arg("progress"))
       .def(
-          "require_state", [](const LoopModel& model, const Array& state) { model.start_from(&state); },
-          py::arg("state"), "Refuses what is no state of this loop.")
+          "require_state",
+          [](const LoopModel& model, const Array& given) {
+            const auto state = vector_of(given, n_circulation_states, "state");
+            for (int k = 0; k < n_circulation_states; ++k) {
+              const Quantity& bounds = k < n_chambers ? physical_sense::volume
+                                       : k < Q_AR_SYS ? physical_sense::pressure
+                                                      : physical_sense::flow;
+              Quantity named = circulation_state_quantities[k];
+              named.lower = bounds.lower;
+              named.upper = bounds.upper;
+              check_range(named, state[static_cast<std::size_t>(k)], "state");
+            }
+            const double wanted = total_volume(model.loop.circulation, model.loop.initial.data());
+            const double found = total_volume(model.loop.circulation, state.data());
+            if (!(std::abs(found - wanted) <= 1e-6 * std::abs(wanted)))
+              throw InputError(
+                  fmt::format("the state holds {:.9g} mL of blood, this loop {:.9g} mL", found, wanted));
+          },
+          py::arg("state"),
+          "Refuses what is on no cycle of this loop: bounds and blood volume are looked at.")
       .def(
           "indexes",
           [](const LoopModel& model, const Array& start) {
@@ -288,8 +309,10 @@ void bind_loop(py::module_& m) {
                   const LoopSolver solver(loop, model.integrator);
                   const auto certificate = solver.to_limit_cycle(y, settings);
                   if (!certificate.good()) throw NumericalFailure(limit_cycle_failure(certificate));
-                  fill_indexes(loop_indexes(solver, y), order, out);
+                  const BeatIndexes found = loop_indexes(solver, y);
+                  fill_indexes(found, order, out);
                   std::copy(y.begin(), y.end(), state);
+                  return joined(ejection_warnings(found));
                 },
                 progress);
           },

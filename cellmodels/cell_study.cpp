@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <wiggers/cellmodels/beat_features.hpp>
+#include <wiggers/cellmodels/cell_sense.hpp>
 #include <wiggers/cellmodels/cell_study.hpp>
 #include <wiggers/cellmodels/crn.hpp>
 #include <wiggers/cellmodels/paced_beat.hpp>
@@ -59,9 +60,9 @@ std::vector<double> values_of(const CellStudy& study) {
   return values;
 }
 
-// Runs a beat and visits its indexes, the start's states included.
+// Runs a beat and visits its indexes, the start's states included. Returns why it is no action potential.
 template <class Model, class T, class Visit>
-void beat_indexes(const PacedBeat<Model, T>& beat, std::vector<T> state, Visit visit) {
+std::string beat_indexes(const PacedBeat<Model, T>& beat, std::vector<T> state, Visit visit) {
   const std::vector<T> start = state;
   std::vector<T> t, V, calcium;
   beat.run(state.data(), [&](const T& time, const T* y) {
@@ -72,6 +73,7 @@ void beat_indexes(const PacedBeat<Model, T>& beat, std::vector<T> state, Visit v
   visit_features(t, V, calcium, beat.stimulus_edges(), visit);
   for (std::size_t i = 0; i < start.size(); ++i)
     visit(fmt::format("start.{}", Model::states[i].name), std::string(Model::states[i].unit), start[i]);
+  return no_action_potential(V);
 }
 
 void require_charge_kept(const CellStudy& study) {
@@ -197,7 +199,19 @@ LimitCycleCertificate to_limit_cycle(const CellStudy& study, std::vector<double>
     }
     certificate.reason = words_of_beats(peaks);
   }
+  if (certificate.good() || certificate.verdict == LimitCycleVerdict::period_n)
+    judge_cell(certificate, unphysical_beats(study, state, certificate.period));
   return certificate;
+}
+
+std::string unphysical_beats(const CellStudy& study, std::vector<double> state, int beats) {
+  CellSense sense(*study.model);
+  with_model(study, [&]<class Model>() {
+    const auto beat = beat_at<Model, double>(study, values_of(study));
+    for (int k = 0; k < beats; ++k)
+      beat.run(state.data(), [&](double t, const double* y) { sense.see(t, y); });
+  });
+  return sense.finding();
 }
 
 FixedPointDerivatives newton_at(const CellStudy& study, std::vector<double> state) {
@@ -225,13 +239,15 @@ std::vector<double> refined_limit_cycle(const CellStudy& study, std::vector<doub
   });
 }
 
-std::vector<NamedValue> cell_indexes(const CellStudy& study, const std::vector<double>& start) {
+std::vector<NamedValue> cell_indexes(const CellStudy& study, const std::vector<double>& start,
+                                     std::string* why_not) {
   std::vector<NamedValue> list;
   with_model(study, [&]<class Model>() {
-    beat_indexes<Model, double>(beat_at<Model, double>(study, values_of(study)), start,
-                                [&](std::string name, std::string unit, double value) {
-                                  list.push_back({std::move(name), std::move(unit), value});
-                                });
+    std::string why = beat_indexes<Model, double>(beat_at<Model, double>(study, values_of(study)), start,
+                                                  [&](std::string name, std::string unit, double value) {
+                                                    list.push_back({std::move(name), std::move(unit), value});
+                                                  });
+    if (why_not) *why_not = std::move(why);
   });
   return list;
 }

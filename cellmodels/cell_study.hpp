@@ -46,6 +46,9 @@ FixedPointDerivatives newton_at(const CellStudy& study, std::vector<double> stat
 std::vector<double> refined_limit_cycle(const CellStudy& study, std::vector<double> state,
                                         const FixedPointDerivatives& newton);
 
+// Why no cell can be in the beats (so many) from a state; empty: one can.
+std::string unphysical_beats(const CellStudy& study, std::vector<double> state, int beats = 1);
+
 struct NamedValue {
   std::string name, unit;
   double value = 0;
@@ -53,7 +56,9 @@ struct NamedValue {
 // Indexes of the beat from a state: APD90_ms, APD50_ms, V_rest_mV, V_peak_mV, V_min_mV, dVdt_max_mV_per_ms,
 // calcium_diastolic_uM, calcium_peak_uM, calcium_amplitude_uM, calcium_time_to_peak_ms, and the state at the
 // beat's start ("start.Na_i"). What a beat does not have (no action potential) is absent.
-std::vector<NamedValue> cell_indexes(const CellStudy& study, const std::vector<double>& start);
+// `why_not`, if given, gets in words why the beat is no action potential; empty if it is one.
+std::vector<NamedValue> cell_indexes(const CellStudy& study, const std::vector<double>& start,
+                                     std::string* why_not = nullptr);
 
 // Derivatives of every index on the limit cycle by every parameter but stimulus_K_fraction, which must be 1
 // for a cycle to exist. after_pass(share done) may throw to stop.

@@ -2,6 +2,7 @@
 // that is ill, poisoned, or changed to see what a parameter does. Constants of nature are what they are.
 #pragma once
 
+#include <array>
 #include <wiggers/core/quantity.hpp>
 
 namespace wiggers::facts {
@@ -24,6 +25,15 @@ constexpr Quantity free_calcium(std::string_view name, double start, std::string
 constexpr Quantity stored_calcium(std::string_view name, double start, std::string_view meaning) {
   return {name, "mM", start, 1e-9, 100, meaning};
 }
+// What a living cell's beat keeps to, whatever ails it: narrower than the ranges above, by the state's name.
+inline constexpr std::array living = {
+    Quantity{"V", "mV", -80, -150, 100, "membrane potential"},
+    Quantity{"Na_i", "mM", 10, 0.5, 100, "intracellular sodium"},
+    Quantity{"K_i", "mM", 140, 10, 250, "intracellular potassium"},
+    Quantity{"Ca_i", "uM", 0.1, 1e-5, 50, "free cytosolic calcium"},
+};
+// The lowest of a beat: above, nothing relaxes any more.
+inline constexpr Quantity living_diastolic_calcium{"Ca_i", "uM", 0.1, 1e-5, 10, "diastolic calcium"};
 // Constants of nature, within a thousandth: sources differ in their digits.
 constexpr Quantity gas_constant(double value) {
   return {"R", "J/mol/K", value, 8.3062, 8.3227, "gas constant"};

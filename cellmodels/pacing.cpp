@@ -4,6 +4,7 @@
 #include <cmath>
 #include <set>
 #include <wiggers/cellmodels/beat_features.hpp>
+#include <wiggers/cellmodels/cell_sense.hpp>
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/fixed_step.hpp>
@@ -322,6 +323,13 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
   }
   certificate.beats = beats;
   multiplier_ = certificate.multiplier;
+  if (is_cycle(certificate)) {
+    CellSense sense(model_);
+    std::vector<double> y = state;
+    for (int k = 0; k < certificate.period; ++k)
+      beat(y, 1.0, [&](double t, const double* row, double) { sense.see(t, row); });
+    judge_cell(certificate, sense.finding());
+  }
   if (certificate.verdict == LimitCycleVerdict::period_n) {
     std::vector<std::pair<double, double>> peaks;
     std::vector<double> y = state;

@@ -152,4 +152,9 @@ std::string failure_text(std::string_view message, const std::string& kept_in) {
 
 std::string to_text(double value) { return fmt::format("{}", value); }
 
+std::string figure_text(double value, int decimals) {
+  constexpr double longest = 1e9;
+  return std::abs(value) < longest ? fmt::format("{:.{}f}", value, decimals) : fmt::format("{:.6g}", value);
+}
+
 }  // namespace wiggers

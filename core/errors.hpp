@@ -62,4 +62,7 @@ std::string failure_text(std::string_view message, const std::string& kept_in = 
 // Shortest text that reads back as the same double.
 std::string to_text(double value);
 
+// A figure for people: that many decimals, or, where this would be a long row of digits, six figures.
+std::string figure_text(double value, int decimals);
+
 }  // namespace wiggers

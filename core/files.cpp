@@ -115,9 +115,30 @@ std::string random_word() {
   return fmt::format("{:016x}", bits);
 }
 
+// The longest name of a file in a folder, in bytes.
+std::size_t longest_name(const fs::path& folder) {
+  const long most = ::pathconf(folder.c_str(), _PC_NAME_MAX);
+  return most > 0 ? static_cast<std::size_t>(most) : 255;
+}
+
+// What the partial neighbours of a target begin with: its name, or so much of it (whole characters) as leaves
+// room for the rest.
+std::string partial_stem(const fs::path& target) {
+  constexpr std::size_t rest = 1 + 9 + 1 + 16 + partial_ending.size();  // .PROCESS-RANDOM.partial
+  const std::size_t most = std::max(longest_name(folder_of(target)), rest + 1) - rest;
+  std::string name = target.filename().string();
+  if (name.size() <= most) return name;
+  std::size_t end = most;
+  while (end > 0 && (static_cast<unsigned char>(name[end]) & 0xC0) == 0x80) --end;
+  name.resize(end);
+  return name;
+}
+
 // NAME.PROCESS-RANDOM.partial
 std::string partial_name(const fs::path& target) {
-  return fmt::format("{}.{}-{}{}", target.string(), ::getpid(), random_word(), partial_ending);
+  return (target.parent_path() /
+          fmt::format("{}.{}-{}{}", partial_stem(target), ::getpid(), random_word(), partial_ending))
+      .string();
 }
 
 // Creates the neighbour that is to replace `target`; on failure errno says why.
@@ -225,7 +246,7 @@ bool is_input(const fs::path& path) {
 
 // What killed runs left beside the target goes.
 void remove_leftovers(const fs::path& target) {
-  const std::string name = target.filename().string();
+  const std::string name = partial_stem(target);
   std::error_code failed;
   std::vector<fs::path> left;
   for (fs::directory_iterator entry(folder_of(target), failed), end; !failed && entry != end;
@@ -309,6 +330,13 @@ void write_through(const fs::path& path, std::string_view bytes) {
 
 }  // namespace
 
+void refuse_other_kind(const fs::path& path, std::string_view option, FileKind kind) {
+  throw InputError(
+      fmt::format("{}: '{}' is there already and is not {}: it would be lost; name another file, "
+                  "or move it away",
+                  option, path.string(), name_of(kind)));
+}
+
 bool is_special(const fs::path& path) { return target_of(path).special; }
 
 void write_file_atomically(const fs::path& path, std::string_view bytes) {
@@ -351,7 +379,7 @@ void write_file_atomically(const fs::path& path, std::string_view bytes) {
   if (folder.number >= 0) (void)::fsync(folder.number);
 }
 
-void require_writable(const fs::path& path, std::string_view option) {
+void require_writable(const fs::path& path, std::string_view option, FileKind kind) {
   const auto refuse = [&](std::string_view why) {
     throw InputError(fmt::format("{}: '{}' cannot be written: {}", option, path.string(), why));
   };
@@ -364,10 +392,12 @@ void require_writable(const fs::path& path, std::string_view option) {
   const fs::path folder = folder_of(target.path);
   if (!fs::is_directory(folder, ignored))
     throw InputError(fmt::format("{}: there is no folder '{}'", option, folder.string()));
+  if (target.path.filename().native().size() > longest_name(folder)) refuse(std::strerror(ENAMETOOLONG));
   record_output(target.path, option, false);
   if (fs::exists(target.path, ignored) && ::access(target.path.c_str(), W_OK) != 0)
     refuse(std::strerror(errno));
-  // Try it: names too long, read-only or virtual file systems show here and not after the work.
+  if (!is_replaceable(target.path, kind)) refuse_other_kind(path, option, kind);
+  // Try it: read-only or virtual file systems show here and not after the work.
   const std::string trial = partial_name(target.path);
   const Descriptor file(create_partial(trial, 0600));
   if (file.number < 0) refuse(std::strerror(errno));
@@ -375,7 +405,27 @@ void require_writable(const fs::path& path, std::string_view option) {
 }
 
 void require_writable_folder(const fs::path& folder, std::string_view option) {
-  record_output(folder, option, true);
+  std::error_code failed;
+  fs::path named = folder;
+  if (!named.has_filename()) named = named.parent_path();  // "name.fields/"
+  if (fs::is_symlink(named, failed))
+    throw InputError(
+        fmt::format("{}: '{}' is a link: files would be replaced where it leads; name another "
+                    "result, or remove the link",
+                    option, named.string()));
+  record_output(named, option, true);
+  // Frames are replaced by name: without an index of ours they are somebody else's.
+  const fs::path index = named / "index.pvd";
+  if (!is_replaceable(index, FileKind::series)) refuse_other_kind(index, option, FileKind::series);
+  if (fs::exists(index, failed)) return;
+  for (fs::directory_iterator entry(named, failed), end; !failed && entry != end; entry.increment(failed)) {
+    const std::string name = entry->path().filename().string();
+    if (name.starts_with("frame_") && name.ends_with(".vtu"))
+      throw InputError(
+          fmt::format("{}: '{}' has frames and no index.pvd: it is no folder of a run, and they "
+                      "would be lost; name another result, or move them away",
+                      option, named.string()));
+  }
 }
 
 void note_input(const fs::path& path) {

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <string>
 #include <string_view>
+#include <wiggers/core/file_kind.hpp>
 
 namespace wiggers {
 
@@ -22,11 +23,16 @@ void write_file_atomically(const std::filesystem::path& path, std::string_view b
 // be renamed into place, and nothing is put beside them.
 bool is_special(const std::filesystem::path& path);
 
-// Refuses, before any work, a path that could not be written later (missing folder, no permission, a folder)
-// or that is an input or another output of this process, through links as well; from now on it is an output.
-void require_writable(const std::filesystem::path& path, std::string_view option);
-// The same for a folder in which files come and go: no input may be in it. It need not exist.
+// Refuses, before any work, a path that could not be written later (missing folder, no permission, a folder),
+// that holds a file of another kind than what is to be written, or that is an input or another output of this
+// process, through links as well; from now on it is an output.
+void require_writable(const std::filesystem::path& path, std::string_view option, FileKind kind);
+// The same for the folder of a field series, in which files come and go: no input may be in it, it must not
+// be a link, and frames in it must be those of a series. It need not exist.
 void require_writable_folder(const std::filesystem::path& folder, std::string_view option);
+// Says that the file at an output's place is of another kind.
+[[noreturn]] void refuse_other_kind(const std::filesystem::path& path, std::string_view option,
+                                    FileKind kind);
 
 // Records an input; refuses one that is an output of this process. The readers call it; so does who learns of
 // an input long before it is read.

@@ -88,6 +88,13 @@ std::pair<LimitCycleVerdict, int> limit_cycle_verdict(std::string_view text) {
   refuse_unknown("verdict of a limit-cycle search", text, known);
 }
 
+std::string LimitCycleCertificate::text_with_warnings() const {
+  std::string all = text();
+  for (std::size_t k = 0; k < warnings.size(); ++k)
+    all += (k == 0 ? ", with warnings: " : "; ") + warnings[k];
+  return all;
+}
+
 double saved_verdict(const LimitCycleCertificate& c) {
   const auto plain = std::find(plain_verdicts.begin(), plain_verdicts.end(), c.verdict);
   return plain == plain_verdicts.end() ? static_cast<double>(plain_verdicts.size()) + c.period

@@ -63,9 +63,13 @@ struct LimitCycleCertificate {
   int period = 1;         // beats after which the state repeats itself; not_converged: 9 or more, if it does
   bool noisy = false;     // the map's noise ended the search short of the distance asked for
   std::string reason;     // why the verdict is not period_1, or what else there is to know; empty: nothing
+  // What the cycle is like where it can be, but is no good one: a heart that hardly ejects.
+  std::vector<std::string> warnings = {};
 
   bool good() const { return verdict == LimitCycleVerdict::period_1; }
   std::string text() const { return to_string(verdict, period); }
+  // For people: "period-1, with warnings: LV hardly ejects ...; ...".
+  std::string text_with_warnings() const;
 };
 
 // The verdict as a number of a saved state.

@@ -11,6 +11,7 @@
 #include <wiggers/core/checksum.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
+#include <wiggers/core/memory.hpp>
 #include <wiggers/core/result_file.hpp>
 
 namespace wiggers {
@@ -188,7 +189,7 @@ struct ResultReader::Implementation {
   }
 
   [[noreturn]] void refuse(const std::string& path, const std::string& why) const {
-    throw InputError(fmt::format("'{}': entry {} {}", name, path, why));
+    throw InputError(fmt::format("{} {}", place(path), why));
   }
   // A handle of what was asked for; a failure is the file's, not the machine's.
   Handle open(hid_t id, herr_t (*close)(hid_t), const std::string& path) const {
@@ -208,6 +209,12 @@ struct ResultReader::Implementation {
     }
   }
 
+  H5I_type_t kind_of(const std::string& path) const {
+    return H5Iget_type(open(H5Oopen(file, path.c_str(), H5P_DEFAULT), H5Oclose, path));
+  }
+  bool is_group(const std::string& path) const { return kind_of(path) == H5I_GROUP; }
+  std::string place(const std::string& path) const { return fmt::format("'{}': entry {}", name, path); }
+
   // An entry with its kind of numbers or text, looked at before it is read.
   struct Entry {
     Handle set, type, space;
@@ -217,10 +224,7 @@ struct ResultReader::Implementation {
     if (!has(path))
       throw InputError(
           fmt::format("'{}' has no entry {}: it is no wiggers result, or of another version", name, path));
-    {
-      const Handle object = open(H5Oopen(file, path.c_str(), H5P_DEFAULT), H5Oclose, path);
-      if (H5Iget_type(object) != H5I_DATASET) refuse(path, "is no row of numbers and no text");
-    }
+    if (kind_of(path) != H5I_DATASET) refuse(path, "is no row of numbers and no text");
     Handle set = open(H5Dopen2(file, path.c_str(), H5P_DEFAULT), H5Dclose, path);
     Handle type = open(H5Dget_type(set), H5Tclose, path);
     Handle space = open(H5Dget_space(set), H5Sclose, path);
@@ -278,9 +282,7 @@ ResultReader::~ResultReader() = default;
 
 bool ResultReader::has(const std::string& path) const { return implementation_->has(path); }
 
-std::string ResultReader::place(const std::string& path) const {
-  return fmt::format("'{}': entry {}", implementation_->name, path);
-}
+std::string ResultReader::place(const std::string& path) const { return implementation_->place(path); }
 
 std::vector<double> ResultReader::dataset(const std::string& path) const {
   return implementation_->numbers(path, 1);
@@ -322,6 +324,37 @@ std::string ResultReader::text(const std::string& path) const {
   if (H5Dread(e.set, e.type, H5S_ALL, H5S_ALL, H5P_DEFAULT, value.data()) < 0) refuse_reading();
   while (!value.empty() && value.back() == '\0') value.pop_back();
   return value;
+}
+
+namespace {
+struct Visit {
+  std::vector<std::string> entries;
+  std::string elsewhere;  // a link that leads out of the file
+};
+herr_t visit_link(hid_t, const char* name, const H5L_info_t* link, void* to) {
+  auto& visit = *static_cast<Visit*>(to);
+  if (link->type == H5L_TYPE_HARD)
+    visit.entries.push_back(std::string("/") + name);
+  else if (visit.elsewhere.empty())
+    visit.elsewhere = std::string("/") + name;
+  return 0;
+}
+}  // namespace
+
+void ResultReader::require_sensible_sizes() const {
+  const Implementation& m = *implementation_;
+  Visit visit;
+  if (H5Lvisit(m.file, H5_INDEX_NAME, H5_ITER_NATIVE, visit_link, &visit) < 0)
+    throw InputError(fmt::format("'{}' is damaged: its list of entries cannot be read", m.name));
+  if (!visit.elsewhere.empty())
+    m.refuse(visit.elsewhere, "is a link to another place: it is no part of this file");
+  double bytes = 0;
+  for (const std::string& path : visit.entries) {
+    if (m.is_group(path)) continue;
+    const auto e = m.entry(path);
+    bytes += static_cast<double>(e.n) * static_cast<double>(H5Tget_size(e.type));
+    require_memory(bytes / sizeof(double), 1, m.place(path), "It cannot be read on this machine.");
+  }
 }
 
 void ResultReader::verify() const {

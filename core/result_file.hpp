@@ -55,6 +55,10 @@ class ResultReader {
   // "FILE: ENTRY", for messages.
   std::string place(const std::string& path) const;
 
+  // Looks at every entry as the readers above do, before another program reads the file: refuses links to
+  // other places and files, sizes that the file cannot hold, and more than fits into the memory.
+  void require_sensible_sizes() const;
+
   // Refuses a file without checksums, or of which an entry is not as it was written, by name.
   void verify() const;
 

@@ -7,6 +7,7 @@
 #include <wiggers/heart/heart_study.hpp>
 #include <wiggers/heart/indexes_of.hpp>
 #include <wiggers/heart/paced_cells.hpp>
+#include <wiggers/heart/rate_warnings.hpp>
 #include <wiggers/heart/reduced_wall.hpp>
 #include <wiggers/heart/scene_keys.hpp>
 
@@ -509,6 +510,12 @@ BeatIndexes HeartStudy::indexes(const HeartState& state) {
     trace.append(t, heart.values().data(), heart.pressures().data(), heart.flows());
   });
   return compute_indexes_of(trace, atrial_activations_s(scene_), valve_debounce_s);
+}
+
+std::vector<std::string> HeartStudy::warnings(const HeartState& on_cycle) {
+  HeartState same = on_cycle;
+  const Table rows = beat(same);
+  return verdict_warnings(rows, compute_indexes(rows, atrial_activations_s(scene_)));
 }
 
 Table HeartStudy::beat(HeartState& state) {

@@ -59,6 +59,8 @@ class HeartStudy {
   HeartState refined(const HeartState& state, const FixedPointDerivatives& derivatives);
 
   BeatIndexes indexes(const HeartState& state);
+  // What stands beside the verdict of a cycle (rate_warnings.hpp).
+  std::vector<std::string> warnings(const HeartState& on_cycle);
   // One beat as a table, columns as of a driver's trace; `state` becomes that at its end.
   Table beat(HeartState& state);
 

@@ -10,6 +10,7 @@ namespace {
 
 // Each a sign that a beat has too little time, chosen to be silent for the healthy sets at 60 to 90 a minute.
 constexpr double largest_rest_share = 0.1;       // of the peak tension, left in diastole
+constexpr double smallest_EF_percent = 5;        // of a ventricle; the gravest failures seen leave 10
 constexpr double smallest_tension_kPa = 1;       // below there is no contraction to speak of
 constexpr double longest_overlap_s = 5e-3;       // both valves of a side open
 constexpr double smallest_forward_mL_per_s = 5;  // a valve that passes less is not open in earnest
@@ -65,10 +66,30 @@ void fillings(const BeatIndexes& indexes, std::vector<std::string>& out) {
 
 }  // namespace
 
+std::vector<std::string> ejection_warnings(const BeatIndexes& indexes) {
+  std::vector<std::string> out;
+  for (int side = 0; side < 2; ++side) {
+    const std::string_view ventricle = chamber_names[side == 0 ? LV : RV];
+    const int outlet = side == 0 ? AV : PV;
+    const double EF = indexes.ventricle[side].EF_percent;
+    if (!indexes.valve[outlet].opens_s)
+      out.push_back(fmt::format("{} does not eject: {} never opens", ventricle, valve_names[outlet]));
+    else if (EF < smallest_EF_percent)
+      out.push_back(fmt::format("{} hardly ejects: EF {:.1f} %", ventricle, EF));
+  }
+  return out;
+}
+
+std::vector<std::string> verdict_warnings(const Table& beat, const BeatIndexes& indexes) {
+  std::vector<std::string> out = ejection_warnings(indexes);
+  tensions(beat, out);
+  return out;
+}
+
 std::vector<std::string> rate_warnings(const Table& beat, const BeatIndexes& indexes,
                                        const std::map<std::string, PacedCellType>& cells) {
   std::vector<std::string> out;
-  tensions(beat, out);
+  out = verdict_warnings(beat, indexes);
   overlaps(beat, out);
   fillings(indexes, out);
   for (const auto& [name, paced] : cells) {

@@ -12,6 +12,7 @@
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/elastance_wall.hpp>
 #include <wiggers/heart/provenance.hpp>
+#include <wiggers/heart/rate_warnings.hpp>
 #include <wiggers/heart/run.hpp>
 #include <wiggers/heart/summary.hpp>
 #include <wiggers/heart/tissue_kind.hpp>
@@ -170,8 +171,9 @@ void HeartRun::resume(const std::filesystem::path& path) {
     cells_.emplace(name, std::move(paced));
   }
   build();
+  const std::vector<double> driver_state = file.finite("/checkpoint/driver");
   try {
-    driver_->restore(file.finite("/checkpoint/driver"));
+    driver_->restore(driver_state);
   } catch (const InputError& error) {
     throw InputError(fmt::format("{}: {}", file.place("/checkpoint/driver"), error.what()));
   }
@@ -387,6 +389,9 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
       certificate_.reason = sense.finding()->text();
     }
   }
+  certificate_.warnings.clear();
+  if (certificate_.good() && has_whole_beat() && !beat_)
+    certificate_.warnings = verdict_warnings(trace_, indexes());
   if (beat_) {
     // Ended within a beat: its rows are what there is to show.
     trace_ = beat_->trace;

@@ -42,6 +42,7 @@ Json certificate_json(const LimitCycleCertificate& c) {
               {"residual", c.residual},
               {"multiplier", c.multiplier}};
   if (!c.reason.empty()) out["reason"] = c.reason;
+  if (!c.warnings.empty()) out["warnings"] = c.warnings;
   return out;
 }
 
@@ -96,8 +97,6 @@ Json summarise(const HeartRun& run) {
   if (b)
     for (const std::string& warning : rate_warnings(run.trace(), *b, run.cells()))
       warnings.push_back(warning);
-  for (int v : {AV, PV})
-    if (b && !b->valve[v].opens_s) warnings.push_back(fmt::format("{} never opens", valve_names[v]));
   if (!run.has_whole_beat()) warnings.push_back("the run was ended within a beat: there are no indexes");
   const LimitCycleCertificate& certificate = run.certificate();
   if (certificate.verdict == LimitCycleVerdict::unphysical)
@@ -151,6 +150,7 @@ Json summarise(const LoopSummary& loop) {
   out["flips"] = flips_json(loop.trace);
   out["cost"] = {{"wall_s", loop.wall_s}, {"beats", loop.beats}};
   out["warnings"] = Json::array();
+  for (const std::string& warning : ejection_warnings(loop.indexes)) out["warnings"].push_back(warning);
   if (loop.certificate.verdict == LimitCycleVerdict::unphysical) {
     out["warnings"].push_back(loop.certificate.reason);
     out["limit_cycle"]["verdict"] = loop.certificate.text();

@@ -72,6 +72,13 @@ FibreField make_fibres(const TissuePlan& plan, const TetMesh& mesh) {
   return plan.fibres_from_file ? fibres_from_cells(mesh) : rule_based_fibres(mesh, plan.fibres);
 }
 
+void say_of_locking(const TissuePlan& plan, const std::string& place, MPI_Comm communicator) {
+  int rank = 0;
+  MPI_Comm_rank(communicator, &rank);
+  const std::string warning = locking_warning(plan.mechanics);
+  if (!warning.empty() && !tissue_kind().quiet && rank == 0) fmt::print("warning: {}: {}\n", place, warning);
+}
+
 void say_of_fibres(const TissuePlan& plan, const TetMesh& mesh, const FibreField& fibres,
                    const std::string& place, MPI_Comm communicator) {
   int rank = 0;

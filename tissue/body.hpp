@@ -22,6 +22,8 @@ int endocardium_of(int chamber);
 
 FibreField make_fibres(const TissuePlan& plan, const TetMesh& mesh);
 
+// Says, on the first rank, where linear tetrahedra will lock.
+void say_of_locking(const TissuePlan& plan, const std::string& place, MPI_Comm communicator);
 // Says, on the first rank, where a file's fibres turn too far between cells to be resolved.
 void say_of_fibres(const TissuePlan& plan, const TetMesh& mesh, const FibreField& fibres,
                    const std::string& place, MPI_Comm communicator);

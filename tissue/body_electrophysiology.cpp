@@ -59,6 +59,7 @@ struct ElectrophysiologyRun {
     mesh = make_mesh(plan, scene.walls.front().cavities, "body", communicator);
     collectively(communicator, [&] { fibres = make_fibres(plan, *mesh); });
     partition = std::make_unique<Partition>(mesh, communicator);
+    check_interrupt_of_all(communicator);
     monodomain = std::make_unique<Monodomain>(*partition, &fibres, plan.electrophysiology,
                                               ionic_regions(scene, scene.walls.front(), *mesh, cells, "body"),
                                               plan.stimuli);

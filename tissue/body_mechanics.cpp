@@ -74,6 +74,7 @@ struct MechanicsRun {
     collectively(communicator, [&] { fibres = make_fibres(plan, *mesh); });
     say_of_fibres(plan, *mesh, fibres, "body", communicator);
     partition = std::make_unique<Partition>(mesh, communicator);
+    check_interrupt_of_all(communicator);
     mechanics = std::make_unique<Mechanics>(*partition, &fibres, mechanics_of(plan, chambers, *image));
     cell_volume.assign(partition->cells().size(), 0.0);
     double sum = 0;
@@ -261,6 +262,7 @@ struct MechanicsRun {
   void start() {
     const auto begin = Clock::now();
     image = make_mesh(plan, chambers, "body", communicator);
+    say_of_locking(plan, "body", communicator);
     build(unloaded_shape(plan, chambers, image, "body", style, communicator, recovery));
     start_s = seconds_since(begin);
     open_fields(false);

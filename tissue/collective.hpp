@@ -13,7 +13,7 @@ namespace wiggers {
 
 template <class Work>
 void collectively(MPI_Comm communicator, Work&& work) {
-  // 0: fine; 1: numerical failure; 2: bad input; 3: anything else.
+  // 0: fine; 1: numerical failure; 2: bad input; 3: stopped on request; 4: anything else.
   int kind = 0;
   std::string message;
   try {
@@ -24,8 +24,11 @@ void collectively(MPI_Comm communicator, Work&& work) {
   } catch (const InputError& error) {
     kind = 2;
     message = error.what();
-  } catch (const std::exception& error) {
+  } catch (const Interrupted& error) {
     kind = 3;
+    message = error.what();
+  } catch (const std::exception& error) {
+    kind = 4;
     message = error.what();
   }
   int rank = 0, n_ranks = 1;
@@ -42,8 +45,12 @@ void collectively(MPI_Comm communicator, Work&& work) {
   MPI_Bcast(message.data(), length, MPI_CHAR, first, communicator);
   if (kind == 1) throw NumericalFailure(message);
   if (kind == 2) throw InputError(message);
+  if (kind == 3) throw Interrupted(message);
   throw ResourceError(message);
 }
+
+// Between parts of long work: all ranks stop if any was asked to.
+inline void check_interrupt_of_all(MPI_Comm communicator) { collectively(communicator, check_interrupt); }
 
 // Shows progress and says, on all ranks alike, whether any of them was asked to stop.
 inline bool stop_asked(MPI_Comm communicator, Progress& progress, double fraction, const std::string& note) {

@@ -8,6 +8,7 @@
 #include <map>
 #include <numbers>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/progress.hpp>
 #include <wiggers/tissue/fibres.hpp>
 #include <wiggers/tissue/laplace.hpp>
 #include <wiggers/tissue/tensor.hpp>
@@ -423,6 +424,7 @@ VentricularCoordinates ventricular_coordinates(const LaplaceProblem& problem, co
   const auto psi =
       problem.solve(std::vector{BoundarySet{"base", sets.base}, BoundarySet{"apex", {apex}}}, {1, 0});
   for (std::size_t v = 0; v < field.frames.size(); ++v) {
+    check_interrupt();
     if (!problem.in_region(static_cast<int>(v))) continue;
     field.transmural[v] = std::max(c.left[v], c.right[v]);
     field.endocardial_distance[v] = 1 - field.transmural[v];
@@ -478,6 +480,7 @@ void add_ventricles(const Surfaces& surfaces, const FibreRule& rule, FibreField&
 
   const auto grad_left = problem.vertex_gradients(c.left), grad_right = problem.vertex_gradients(c.right);
   for (std::size_t v = 0; v < mesh.points.size(); ++v) {
+    check_interrupt();
     if (!problem.in_region(static_cast<int>(v))) continue;
     const WallPoint p{c.left[v],
                       c.right[v],
@@ -583,6 +586,7 @@ void add_atrium(const Surfaces& surfaces, int volume, FibreField& field) {
   const auto between = bundles ? problem.vertex_gradients(psi_veins) : std::vector<Point3>{};
   const auto along = bundles ? problem.vertex_gradients(psi_wall) : std::vector<Point3>{};
   for (std::size_t v = 0; v < mesh.points.size(); ++v) {
+    check_interrupt();
     if (!problem.in_region(static_cast<int>(v))) continue;
     Point3 longitudinal = to_annulus[v];
     if (bundles && psi_roof[v] < vestibule)
@@ -755,6 +759,7 @@ FibreCheck check_fibres(const TetMesh& mesh, const FibreField& field) {
     worst = value <= worst ? worst : std::isnan(value) ? unbounded : value;
   };
   for (std::size_t v = 0; v < n; ++v) {
+    check_interrupt();
     const auto& [f, s, normal] = field.frames[v];
     if (is_zero(field.frames[v]) != (myocardium[v] == 0))
       ++(myocardium[v] ? check.vertices_missing : check.vertices_superfluous);

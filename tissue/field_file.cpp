@@ -106,7 +106,7 @@ void write_vtu(const fs::path& path, const TetMesh& mesh, const std::vector<Poin
                const std::vector<CellField>& cell_fields) {
   const std::size_t n_points = mesh.points.size(), n_cells = mesh.cells.size();
   Appended appended;
-  std::string text = "<?xml version=\"1.0\"?>\n";
+  std::string text = fmt::format("<?xml version=\"1.0\"?>\n<!-- {} -->\n", mark_of_text);
   text += fmt::format(
       "<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"{}\" header_type=\"UInt64\">\n"
       "  <UnstructuredGrid>\n    <Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n",
@@ -180,7 +180,7 @@ void FieldSeries::write(double time_s, const std::vector<PointField>& point_fiel
 }
 
 std::string FieldSeries::mesh_line() const {
-  return fmt::format("<!-- mesh: {} points, {} cells -->", mesh_.points.size(), mesh_.cells.size());
+  return fmt::format("{}{} points, {} cells -->", mark_of_series, mesh_.points.size(), mesh_.cells.size());
 }
 
 void FieldSeries::write_index() const {

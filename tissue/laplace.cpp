@@ -5,6 +5,7 @@
 #include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/progress.hpp>
 #include <wiggers/tissue/laplace.hpp>
 #include <wiggers/tissue/tensor.hpp>
 
@@ -34,6 +35,7 @@ Eigen::MatrixXd solve_iteratively(const Eigen::SparseMatrix<double>& matrix, con
   if (solver.info() != Eigen::Success) return solve_directly(matrix, right);
   Eigen::MatrixXd solution(right.rows(), right.cols());
   for (Eigen::Index column = 0; column < right.cols(); ++column) {
+    check_interrupt();
     solution.col(column) = solver.solve(right.col(column));
     if (solver.info() != Eigen::Success) return solve_directly(matrix, right);
   }

@@ -33,6 +33,8 @@ struct Material {
   int tag = 0;
   ShapeLaw law;
   double bulk_Pa = 50e3;
+  double stiffness_Pa =
+      0;  // the largest of the law at rest, to be compared with the bulk modulus; 0: unknown
 };
 
 // What holds a surface, per area: springs and dashpots along the unloaded normal, and in all directions.

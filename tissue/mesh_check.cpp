@@ -180,8 +180,8 @@ class Check {
            "tag the chamber's side of valves and caps as this endocardium too; without them, make some");
     else if (s.enclosed_mL <= 0)
       find(Severity::error,
-           fmt::format("surface {} encloses tissue, not a cavity ({:.1f} mL)", surface_name(s.tag),
-                       s.enclosed_mL),
+           fmt::format("surface {} encloses tissue, not a cavity ({} mL)", surface_name(s.tag),
+                       figure_text(s.enclosed_mL, 1)),
            "tag the inner surface as endocardium and the outer one as epicardium (31)");
   }
 
@@ -381,17 +381,17 @@ class Check {
 MeshReport check_mesh(const TetMesh& mesh) { return Check(mesh).run(); }
 
 std::string report_text(const MeshReport& r) {
-  std::string text =
-      fmt::format("{} points, {} tetrahedra, {} tagged triangles; {:.1f} x {:.1f} x {:.1f} mm\n", r.points,
-                  r.cells, r.facets, r.extent_mm[0], r.extent_mm[1], r.extent_mm[2]);
+  std::string text = fmt::format("{} points, {} tetrahedra, {} tagged triangles; {} x {} x {} mm\n", r.points,
+                                 r.cells, r.facets, figure_text(r.extent_mm[0], 1),
+                                 figure_text(r.extent_mm[1], 1), figure_text(r.extent_mm[2], 1));
   for (const MeshVolume& v : r.volumes)
-    text +=
-        fmt::format("  volume  {:<32} {:>8} cells   {:>9.3f} mL\n", volume_name(v.tag), v.cells, v.volume_mL);
+    text += fmt::format("  volume  {:<32} {:>8} cells   {:>9} mL\n", volume_name(v.tag), v.cells,
+                        figure_text(v.volume_mL, 3));
   for (const MeshSurface& s : r.surfaces) {
-    text +=
-        fmt::format("  surface {:<32} {:>8} facets  {:>9.3f} cm2", surface_name(s.tag), s.facets, s.area_cm2);
-    text += s.closed ? fmt::format("   closed, {} {:.3f} mL\n", s.enclosed_mL > 0 ? "cavity" : "contains",
-                                   std::abs(s.enclosed_mL))
+    text += fmt::format("  surface {:<32} {:>8} facets  {:>9} cm2", surface_name(s.tag), s.facets,
+                        figure_text(s.area_cm2, 3));
+    text += s.closed ? fmt::format("   closed, {} {} mL\n", s.enclosed_mL > 0 ? "cavity" : "contains",
+                                   figure_text(std::abs(s.enclosed_mL), 3))
                      : "   open\n";
   }
   text += fmt::format(

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <wiggers/core/errors.hpp>
 
 namespace wiggers {
 
@@ -145,7 +146,8 @@ std::vector<int> connected_pieces(const std::vector<std::array<int, 3>>& triangl
 }
 
 std::string place_text(const Point3& point_m) {
-  return fmt::format("({:.2f}, {:.2f}, {:.2f}) mm", 1e3 * point_m[0], 1e3 * point_m[1], 1e3 * point_m[2]);
+  return fmt::format("({}, {}, {}) mm", figure_text(1e3 * point_m[0], 2), figure_text(1e3 * point_m[1], 2),
+                     figure_text(1e3 * point_m[2], 2));
 }
 
 }  // namespace wiggers

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <vector>
+#include <wiggers/core/progress.hpp>
 
 #include "mesh_geometry.hpp"
 
@@ -56,6 +57,7 @@ void improve_shapes(TetMesh& mesh, double enough, int passes) {
   for (int pass = 0; pass < passes; ++pass) {
     bool moved = false;
     for (std::size_t p = 0; p < mesh.points.size(); ++p) {
+      check_interrupt();
       const Freedom& may = freedom[p];
       if (may.faces != 0 && !may.planar) continue;
       const auto worst_here = [&] {

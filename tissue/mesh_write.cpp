@@ -22,8 +22,8 @@ std::string name_of(const Tags& tags, int tag, std::string_view otherwise) {
 void write_msh(const TetMesh& mesh, const std::filesystem::path& path) {
   const std::set<int> volumes(mesh.cell_tags.begin(), mesh.cell_tags.end());
   const std::set<int> surfaces(mesh.facet_tags.begin(), mesh.facet_tags.end());
-  std::string text =
-      "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Comments\nwritten by wiggers; unit: mm\n$EndComments\n";
+  std::string text = fmt::format(
+      "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Comments\n{}; unit: mm\n$EndComments\n", mark_of_text);
   auto out = std::back_inserter(text);
   fmt::format_to(out, "$PhysicalNames\n{}\n", volumes.size() + surfaces.size());
   for (const int tag : surfaces)

@@ -141,6 +141,8 @@ struct TissuePlan {
 void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& plan);
 
 // The part of it on mechanics; adds cavities that only the loads name. For read_tissue().
+// Where linear tetrahedra meet a bulk modulus at which they lock: what to do; else empty.
+std::string locking_warning(const MechanicsSettings& mechanics);
 void read_mechanics(SettingsReader& table, Physics physics, std::vector<int>& chambers, TissuePlan& plan);
 
 }  // namespace wiggers

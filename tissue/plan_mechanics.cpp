@@ -14,6 +14,9 @@ namespace {
 
 namespace keys = tissue_keys;
 
+// A Poisson ratio above 0.49: there linear tetrahedra, which have one volume each and few freedoms, lock.
+constexpr double locking_ratio = 50;
+
 template <std::size_t N>
 std::array<double, N> read_all(SettingsReader& table, const std::array<Quantity, N>& quantities,
                                const std::array<double, N>& defaults) {
@@ -34,14 +37,17 @@ Material read_material(SettingsReader& table, int tag) {
     if (tag == mesh_tags::left_atrium) defaults[0] = 1760;
     const auto values = read_all(table, usyk_quantities, defaults);
     material.law = usyk_law(values);
+    material.stiffness_Pa = values[0] * std::max({values[1], values[2], values[3]});
     material.bulk_Pa = values.back();
   } else if (law == "guccione") {
     const auto values = read_all(table, guccione_quantities, defaults_of(guccione_quantities));
     material.law = guccione_law(values);
+    material.stiffness_Pa = values[0] * std::max(values[1], values[2]);
     material.bulk_Pa = values.back();
   } else if (law == "holzapfel-ogden") {
     const auto values = read_all(table, holzapfel_ogden_quantities, defaults_of(holzapfel_ogden_quantities));
     material.law = holzapfel_ogden_law(values);
+    material.stiffness_Pa = std::max({values[0], values[2], values[4]});
     material.bulk_Pa = values.back();
   } else {
     auto defaults = defaults_of(neo_hookean_quantities);
@@ -156,6 +162,19 @@ void read_load(SettingsReader& load, std::vector<int>& chambers, TissuePlan& pla
 }
 
 }  // namespace
+
+std::string locking_warning(const MechanicsSettings& mechanics) {
+  if (mechanics.order != 1) return {};
+  for (const Material& m : mechanics.materials)
+    if (mesh_tags::conductive(m.tag) && m.stiffness_Pa > 0 && m.bulk_Pa > locking_ratio * m.stiffness_Pa)
+      return fmt::format(
+          "linear tetrahedra lock in {}: its bulk modulus, {:.3g} kPa, is {:.0f} times its stiffness at rest "
+          "({:.3g} kPa), so the wall is far too stiff and its motion wrong. Take mechanics.order = 2, or a "
+          "bulk modulus below {:.3g} kPa",
+          mesh_tags::name_of_tag(mesh_tags::volumes, m.tag), 1e-3 * m.bulk_Pa, m.bulk_Pa / m.stiffness_Pa,
+          1e-3 * m.stiffness_Pa, 1e-3 * locking_ratio * m.stiffness_Pa);
+  return {};
+}
 
 void read_mechanics(SettingsReader& table, Physics physics, std::vector<int>& chambers, TissuePlan& plan) {
   const std::string& shape = plan.shape;

@@ -100,9 +100,12 @@ struct TissueWall::Implementation {
     mesh = std::move(unloaded);
     collectively(communicator, [&] { fibres = make_fibres(plan, *mesh); });
     say_of_fibres(plan, *mesh, fibres, fmt::format("walls.{}", name), communicator);
+    check_interrupt_of_all(communicator);
     partition = std::make_unique<Partition>(mesh, communicator);
+    check_interrupt_of_all(communicator);
     monodomain = std::make_unique<Monodomain>(*partition, &fibres, plan.electrophysiology, ionic,
                                               plan.stimuli, image.get());
+    check_interrupt_of_all(communicator);
     activation = std::make_unique<Activation>(*partition, &fibres, force, rate, stabilise);
     mechanics = std::make_unique<Mechanics>(*partition, &fibres, mechanics_of(plan, chambers, *image));
     direct.reset();
@@ -281,6 +284,7 @@ std::span<const int> TissueWall::cavities() const { return me_->chambers; }
 
 void TissueWall::start(const double&, const double* volumes, double* pressures) {
   auto& me = *me_;
+  say_of_locking(me.plan, fmt::format("walls.{}", me.name), me.communicator);
   me.set_up(unloaded_shape(me.plan, me.chambers, me.image, fmt::format("walls.{}", me.name),
                            me.progress_style(), me.communicator, me.recovery));
 

@@ -17,7 +17,7 @@ from . import _core
 from ._checks import NotGiven, not_given, read_only, real, reals, shown, text, texts, whole
 from ._parameters import Parameters
 from ._progress import Progress, showing
-from ._results import Batch, Cycle, Sensitivities, StateMismatch, Trace
+from ._results import Batch, Cycle, Indexes, Sensitivities, StateMismatch, Trace
 from ._samples import samples_of
 
 # Arrays with names beside them, mappings, data frames, structured arrays, lists of mappings.
@@ -88,19 +88,19 @@ class _Periodic(_Model):
         return self._cycle(state, certificate)
 
     def _cycle(self, state: np.ndarray, certificate: _core.Certificate) -> Cycle:
-        return Cycle(state, certificate, dict(self._core.indexes(state)), self._kind, dict(self.parameters),
-                     self._structure())
+        return Cycle(state, certificate, self._indexes(state), self._kind, dict(self.parameters), self._structure())
+
+    def _indexes(self, state: np.ndarray) -> Indexes:
+        return Indexes(self._core.indexes(state))
 
     @abstractmethod
     def _structure(self) -> str:
         """What a state depends on beside the parameters."""
 
-    def indexes(self, state: State) -> dict[str, float]:
-        """Indexes of the beat from a state; what the beat does not have (a valve that never opens) is absent. A cycle of
-        other parameters is refused: its state begins no cycle here."""
-        if isinstance(state, Cycle):
-            return dict(self._core.indexes(self._on_cycle(state)))
-        return dict(self._core.indexes(_state(state, "state")))
+    def indexes(self, state: State) -> Indexes:
+        """Indexes of the beat from a state; what the beat does not have (a valve that never opens, the duration of what is
+        no action potential) is absent. A cycle of other parameters is refused: its state begins no cycle here."""
+        return self._indexes(self._on_cycle(state) if isinstance(state, Cycle) else _state(state, "state"))
 
     def load(self, path: str | os.PathLike[str]) -> Cycle:
         """Reads a saved cycle; refuses one of another model or of other parameters (StateMismatch)."""
@@ -160,7 +160,7 @@ class _Periodic(_Model):
         with showing(progress, f"{self._kind}: batch", 1) as bar:
             rows = self._core.batch(names, values, options.get("near"), options["distance"], options["max_beats"],
                                     workers, bar.share, **self._batch_options)
-        return Batch(rows.names, rows.units, rows.values, rows.states, rows.reasons, names, values)
+        return Batch(rows.names, rows.units, rows.values, rows.states, rows.reasons, names, values, rows.notes)
 
     def _on_cycle(self, cycle: State) -> np.ndarray:
         """The state of a cycle that is this model's; refuses one of other parameters."""
@@ -203,8 +203,9 @@ class _Equations(_Stated, _Periodic):
 class Cell(_Equations, _Refinable):
     """A paced cell: "crn", "ttp06-endo", "ttp06-mid", "ttp06-epi" (see wiggers.models()).
 
-    integrator: "rush-larsen-2" or "rush-larsen" with steps of dt_ms; run() also takes adaptive ones. Parameters are
-    the model's and those of the pacing: period_ms, stimulus_A_per_F, stimulus_ms, charge_offset_mV.
+    integrator: "rush-larsen-2" or "rush-larsen" with steps of dt_ms: what has exact derivatives. `wiggers cell` paces by
+    cvode unless told otherwise; with --integrator rush-larsen-2 --dt-ms 0.05 it gives the digits of this class's default.
+    run() also takes adaptive ones. Parameters are the model's and those of the pacing: period_ms, stimulus_A_per_F, stimulus_ms, charge_offset_mV.
     """
 
     def __init__(self, model: str, *, parameters: str = "default", integrator: str = "rush-larsen-2",
@@ -231,6 +232,12 @@ class Cell(_Equations, _Refinable):
     @property
     def source(self) -> str:
         return self._core.source
+
+    def _indexes(self, state: np.ndarray) -> Indexes:
+        return Indexes(*self._core.indexes(state))
+
+    def __repr__(self) -> str:
+        return f"Cell({self._structure()}): {len(self.parameters)} parameters"
 
     def run(self, beats: int = 1, start: State | NotGiven = not_given, *, sample_ms: float = 1.0,
             integrator: str = "cvode", rtol: float = 1e-8, atol: float = 1e-10, progress: Progress = None) -> Trace:

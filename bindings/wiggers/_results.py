@@ -6,12 +6,13 @@ import json
 import math
 import os
 import zlib
+from collections.abc import Iterable
 from typing import Any, NoReturn
 
 import numpy as np
 
 from ._checks import Held, read_only, text
-from ._core import Certificate, Columns, InputError, SensitivityTable, read_file, write_file
+from ._core import Certificate, Columns, FileKind, InputError, SensitivityTable, read_file, write_file
 
 STATE_FORMAT = 1
 
@@ -70,10 +71,27 @@ class Trace(Held):
         )
 
 
+class Indexes(dict[str, float]):
+    """Indexes of a beat by name. One that the beat does not have is absent; `no_action_potential` says why a cell's
+    beat has no duration ("did not repolarise", "blocked: ...") and is empty otherwise."""
+
+    def __init__(self, values: Iterable[tuple[str, float]] = (), no_action_potential: str = "") -> None:
+        super().__init__(values)
+        self.no_action_potential = no_action_potential
+
+    def __missing__(self, name: str) -> NoReturn:
+        why = f": no action potential: {self.no_action_potential}" if self.no_action_potential else ""
+        raise KeyError(f"{name}{why}")
+
+    def __repr__(self) -> str:
+        why = f" (no action potential: {self.no_action_potential})" if self.no_action_potential else ""
+        return super().__repr__() + why
+
+
 class Cycle(Held):
     """A limit cycle: the state at the beat's start, the certificate of the search, the indexes of its beat."""
 
-    def __init__(self, state: np.ndarray, certificate: Certificate, indexes: dict[str, float], model: str,
+    def __init__(self, state: np.ndarray, certificate: Certificate, indexes: Indexes, model: str,
                  parameters: dict[str, float], structure: str = "") -> None:
         self.state = read_only(state)
         self.certificate = certificate
@@ -83,7 +101,8 @@ class Cycle(Held):
         self.structure = structure
 
     def __repr__(self) -> str:
-        return f"Cycle of {self.model}: {self.certificate}"
+        why = self.indexes.no_action_potential
+        return f"Cycle of {self.structure or self.model}: {self.certificate}" + (f"; no action potential: {why}" if why else "")
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the state with everything needed to recognise it (JSON); a kill leaves the old file or the new."""
@@ -97,13 +116,20 @@ class Cycle(Held):
             "certificate": {f: getattr(c, f) for f in ("verdict", "distance", "residual", "multiplier", "beats")},
             "indexes": self.indexes,
         }
+        if c.warnings:
+            content["warnings"] = c.warnings
+        if self.indexes.no_action_potential:
+            content["no_action_potential"] = self.indexes.no_action_potential
         content["checksum"] = _checksum(content)
-        write_file(os.fspath(path), json.dumps(content, indent=1).encode())
+        write_file(os.fspath(path), json.dumps(content, indent=1).encode(), FileKind.state)
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Cycle:
-        """Reads what `save` wrote; whatever is not that is refused with the file and the key."""
-        return _SavedCycle(os.fspath(path)).cycle()
+        """Reads what `save` wrote; whatever is not that is refused with the file and the key, and so is a state that
+        breaks the rules of the model it names."""
+        cycle = _SavedCycle(os.fspath(path)).cycle()
+        _require_state_of_model(os.fspath(path), cycle)
+        return cycle
 
 
 class _SavedCycle:
@@ -141,8 +167,12 @@ class _SavedCycle:
         for name, value in facts.items():
             if value < 0:
                 self.refuse(f"certificate.{name}", f"is {value}, which no search leaves")
+        warnings = self.entry("warnings", list) if "warnings" in self.content else []
+        if not all(isinstance(warning, str) for warning in warnings):
+            self.refuse("warnings", "are no texts")
+        why_not = self.entry("no_action_potential", str) if "no_action_potential" in self.content else ""
         try:
-            certificate = Certificate(verdict=verdict, beats=beats, **facts)
+            certificate = Certificate(verdict=verdict, beats=beats, warnings=warnings, **facts)
         except InputError as error:
             self.refuse("certificate.verdict", f": {error}")
         for key in ("indexes", "parameters"):
@@ -151,7 +181,7 @@ class _SavedCycle:
             self.entry(key, str)
         if not self._unchanged:
             self.refuse("checksum", "is not that of the content: the file was changed after it was saved")
-        return Cycle(np.array(numbers), certificate, self.table("indexes"), self.entry("model", str),
+        return Cycle(np.array(numbers), certificate, Indexes(self.table("indexes").items(), why_not), self.entry("model", str),
                      self.table("parameters"), self.entry("structure", str))
 
     def entry(self, key: str, kind: type) -> Any:
@@ -192,6 +222,27 @@ class _SavedCycle:
 
     def _no_number(self, text: str) -> NoReturn:
         raise InputError(f"{self.path}: {text} stands in the place of a number")
+
+
+def _require_state_of_model(path: str, cycle: Cycle) -> None:
+    """A cell's or loop's cycle is held against its model's ranges, charge and blood volume; a heart's scene is not here."""
+    from ._models import Cell, Loop, _Model  # which need this file
+    from ._core import models as names_of_cells
+
+    model: _Model
+    if cycle.model == "loop":
+        model = Loop()
+    elif cycle.model in names_of_cells():
+        model = Cell(cycle.model)
+    else:
+        return
+    if set(model.parameters) != set(cycle.parameters):
+        return  # of another version: load() of the model itself says what differs
+    try:
+        model.parameters.update(cycle.parameters)
+        model._core.require_state(cycle.state)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def _checksum(content: dict[str, Any]) -> str:
@@ -281,15 +332,17 @@ class Sensitivities(Held):
 
 
 class Batch(Held):
-    """Outputs of many samples. A sample without a result has NaN in its row and its reason in `reasons`."""
+    """Outputs of many samples. A sample without a result has NaN in its row and its reason in `reasons`; `notes` says of
+    a good one why an output is missing ("no action potential: ...") or what it is like ("LV hardly ejects ...")."""
 
     def __init__(self, names: list[str], units: list[str], values: np.ndarray, states: np.ndarray,
-                 reasons: list[str], parameters: list[str], samples: np.ndarray) -> None:
+                 reasons: list[str], parameters: list[str], samples: np.ndarray, notes: list[str] | None = None) -> None:
         self.names = names
         self.units = units
         self.values = read_only(values)
         self.states = read_only(states)
         self.reasons = reasons
+        self.notes = [""] * len(reasons) if notes is None else notes
         self.parameters = parameters
         self.samples = read_only(samples)
 
@@ -313,6 +366,7 @@ class Batch(Held):
         frame = pandas.DataFrame(self.samples.copy(), columns=self.parameters).join(
             pandas.DataFrame(self.values.copy(), columns=self.names))
         frame["reason"] = self.reasons
+        frame["note"] = self.notes
         return frame
 
     def to_xarray(self) -> Any:
@@ -327,7 +381,7 @@ class Batch(Held):
         first = parts[0]
         return Batch(first.names, first.units, np.concatenate([p.values for p in parts]),
                      np.concatenate([p.states for p in parts]), [r for p in parts for r in p.reasons],
-                     first.parameters, np.concatenate([p.samples for p in parts]))
+                     first.parameters, np.concatenate([p.samples for p in parts]), [n for p in parts for n in p.notes])
 
 
 def _position(names: list[str], name: str, kind: str) -> int:

@@ -5,6 +5,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <wiggers/cellmodels/beat_features.hpp>
+#include <wiggers/cellmodels/cell_sense.hpp>
 #include <wiggers/cellmodels/cell_study.hpp>
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
@@ -38,7 +39,7 @@ void evaluate_rows(const CellModel& model, const std::vector<double>& parameters
   if (!o.until.empty() || o.beats != 0)
     throw InputError("--rhs evaluates given states: --beats and --until have no place there");
   if (o.output.empty()) throw InputError("--rhs needs -o FILE.csv for the derivatives");
-  require_writable(o.output, "-o");
+  require_writable(o.output, "-o", FileKind::table);
   const Table states = read_csv(o.rhs);
   const auto check_unit = [&](const Quantity& q) {
     const Column* column = states.find(q.name);
@@ -118,9 +119,13 @@ std::vector<double> read_state(const CellModel& model, const std::vector<double>
   return y;
 }
 
+FileKind kind_of_table(const std::string& path) {
+  return path.ends_with(".h5") ? FileKind::result : FileKind::table;
+}
+
 void write_table(const std::string& path, const Table& table, const std::string& model,
                  const nlohmann::ordered_json& summary) {
-  if (path.ends_with(".h5")) {
+  if (kind_of_table(path) == FileKind::result) {
     ResultWriter file;
     for (const Column& column : table.columns)
       file.dataset("/cells/" + model + "/" + column.name, column.values, column.unit, column.meaning);
@@ -188,8 +193,8 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
     throw InputError(fmt::format("{} is a force model: it is driven by calcium and length, see wiggers force",
                                  model.name));
   const bool to_cycle = end_of_run(o.until, o.beats);
-  if (!o.output.empty()) require_writable(o.output, "-o");
-  if (!o.final_state.empty()) require_writable(o.final_state, "--final-state");
+  if (!o.output.empty()) require_writable(o.output, "-o", kind_of_table(o.output));
+  if (!o.final_state.empty()) require_writable(o.final_state, "--final-state", FileKind::table);
   check_option("--period-ms", o.period_ms, 1, 1e5);
   check_option("--sample-ms", o.sample_ms, 1e-3, o.period_ms);
   require_memory(o.period_ms / o.sample_ms,
@@ -244,6 +249,11 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
     table.add(std::string(q.name), std::string(q.unit), std::string(q.meaning));
   std::vector<double> rates(model.states.size()), observables(model.observables.size());
   const std::vector<double> onset_state = state;
+  CellSense sense(model);
+  if (!to_cycle) {
+    std::vector<double> same = state;
+    cell.beat(same, std::min(1.0, o.period_ms), [&](double t, const double* y, double) { sense.see(t, y); });
+  }
   cell.beat(state, o.sample_ms, [&](double t, const double* y, double stimulus) {
     model.evaluate(y, &stimulus, parameters.data(), rates.data(), observables.data());
     std::size_t c = 0;
@@ -270,6 +280,8 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
     if (shift) summary["limit_cycle"]["integrator_shift"] = *shift;
   }
   if (to_cycle && !certificate.reason.empty()) summary["limit_cycle"]["reason"] = certificate.reason;
+  const std::string unphysical = to_cycle ? "" : sense.finding();
+  if (!unphysical.empty()) summary["unphysical"] = unphysical;
   // Features are of the solution, whatever the spacing of the rows.
   const auto features = beat_features(model, parameters, o, pulse, cell, onset_state);
   summary["V_max_mV"] = features["V_peak_mV"];
@@ -330,6 +342,7 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
     fmt::print("final state: {}\n", o.final_state);
   }
   if (o.json) fmt::print("{}\n", summary.dump());
+  if (!unphysical.empty()) throw NumericalFailure(unphysical);
   if (to_cycle && !certificate.good() && certificate.verdict != LimitCycleVerdict::period_n)
     throw NumericalFailure(limit_cycle_failure(certificate));
 }

@@ -34,7 +34,7 @@ void add_extremes(CLI::App& app) {
   verb->callback([o, draws] {
     check_option("--beats", o->settings.beats, 1, 1000);
     check_option("--draws", o->settings.draws, 0, 1e6);
-    if (!o->output.empty()) require_writable(o->output, "-o");
+    if (!o->output.empty()) require_writable(o->output, "-o", FileKind::study);
     Progress progress("extremes", o->quiet ? Progress::Style::quiet : Progress::Style::automatic);
     ExtremesStudy study;
     if (!o->set.empty() && !o->subject.ends_with(".toml"))

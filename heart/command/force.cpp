@@ -105,7 +105,7 @@ void run_force(const Options& o) {
   const Signal calcium = read_signal(o.calcium, "--calcium", Rdq20::inputs[Rdq20::Ca], units::uM_per_mM);
   const Signal length = read_signal(o.length, "--sarcomere-length", Rdq20::inputs[Rdq20::SL], 0);
   for (double SL : length.y) check_sarcomere_length(parameters, SL);
-  if (!o.output.empty()) require_writable(o.output, "-o");
+  if (!o.output.empty()) require_writable(o.output, "-o", FileKind::table);
 
   std::vector<double> observables(model.observables.size()), rates(model.states.size());
   if (o.steady) {

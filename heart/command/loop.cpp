@@ -11,6 +11,7 @@
 #include <wiggers/core/progress.hpp>
 #include <wiggers/heart/accuracy.hpp>
 #include <wiggers/heart/loop_study.hpp>
+#include <wiggers/heart/rate_warnings.hpp>
 #include <wiggers/heart/summary.hpp>
 
 #include "shared.hpp"
@@ -60,7 +61,7 @@ void add_loop(CLI::App& app) {
     }
     const bool to_cycle = end_of_run(o->until, o->beats);
     const LimitCycleMethod method = limit_cycle_method(o->method);
-    if (!o->output.empty()) require_writable(o->output, "-o");
+    if (!o->output.empty()) require_writable(o->output, "-o", FileKind::table);
     check_limit_cycle_options(o->distance, o->max_beats);
     check_option("--sample-ms", o->sample_ms, 1e-3, 1e5);
     check_option("--rtol", o->integrator.relative_tolerance, 1e-13, 0.1);
@@ -104,6 +105,8 @@ void add_loop(CLI::App& app) {
     }
     // Indexes are of the solution, whatever the spacing of the output.
     summary.indexes = loop_indexes(solver, state);
+    if (to_cycle && summary.certificate.good())
+      summary.certificate.warnings = ejection_warnings(summary.indexes);
     Table output = circulation_table();
     summary.trace = circulation_table();
     if (o->sample_ms > 1) {
@@ -124,8 +127,8 @@ void add_loop(CLI::App& app) {
     fmt::print("{}\n", index_table(summary.indexes, 1.9));
     if (to_cycle)
       fmt::print("limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
-                 summary.certificate.text(), summary.certificate.distance, summary.certificate.beats,
-                 summary.certificate.multiplier);
+                 summary.certificate.text_with_warnings(), summary.certificate.distance,
+                 summary.certificate.beats, summary.certificate.multiplier);
     if (summary.integrator_shift)
       fmt::print("  {} moves the cycle by {:.1e}; blood volume held, drift of the last beat {:.1e} mL\n",
                  o->integrator.name == "cvode" ? "a tolerance ten times smaller" : "half the step",

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <memory>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/files.hpp>
 #include <wiggers/core/result_file.hpp>
 
 #include "report_program.hpp"
@@ -25,6 +26,7 @@ void add_report(CLI::App& app) {
   verb->callback([o] {
     {
       const ResultReader file(o->result);
+      file.require_sensible_sizes();
       if (!file.has("/time") && !file.has("/load"))
         throw InputError(fmt::format("'{}' holds no beat yet: resume the run first", o->result));
       // What was changed since it was written is not drawn as if it were a result. Others may write results,
@@ -35,6 +37,8 @@ void add_report(CLI::App& app) {
     std::error_code code;
     if (fs::exists(o->folder, code) && !fs::is_directory(o->folder, code))
       throw InputError(fmt::format("-o: '{}' is a file; name a folder", o->folder));
+    if (fs::is_directory(o->folder, code))
+      require_writable(fs::path(o->folder) / "index.html", "-o", FileKind::page);
     write_report("make_report.py", o->result, o->folder);
   });
 }

@@ -5,6 +5,7 @@
 #include <wiggers/core/files.hpp>
 #include <wiggers/heart/accuracy.hpp>
 #include <wiggers/heart/monolithic.hpp>
+#include <wiggers/heart/rate_warnings.hpp>
 #include <wiggers/heart/run.hpp>
 #include <wiggers/heart/summary.hpp>
 #include <wiggers/heart/tissue_kind.hpp>
@@ -24,7 +25,7 @@ struct Options {
 
 // The result, and the folders beside it in which 3D tissue keeps its fields.
 void require_result_writable(const Scene& scene, const std::filesystem::path& result) {
-  require_writable(result, "-o");
+  require_writable(result, "-o", FileKind::result);
   if (is_special(result)) return;
   for (const WallPlan& wall : scene.walls)
     if (wall.kind == "tissue") require_writable_folder(fields_folder(result, wall.name), "-o");
@@ -40,15 +41,16 @@ void run_monolithic(const Scene& scene, const Options& o) {
   progress.update(-1, "cells");
   MonolithicHeart heart(scene, {});
   progress.update(-1, "limit cycle");
-  const LimitCycleCertificate certificate = heart.to_limit_cycle(1e-5);
+  LimitCycleCertificate certificate = heart.to_limit_cycle(1e-5);
   const Table beat = heart.beat(2.5e-4);
+  const BeatIndexes indexes = compute_indexes(beat, atrial_activations_s(scene));
+  if (certificate.good()) certificate.warnings = verdict_warnings(beat, indexes);
   progress.finish();
-  fmt::print("{}\n\n{}\n", scene.title,
-             index_table(compute_indexes(beat, atrial_activations_s(scene)), scene.body_surface_area_m2));
+  fmt::print("{}\n\n{}\n", scene.title, index_table(indexes, scene.body_surface_area_m2));
   fmt::print(
       "monolithic by {}; limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
-      heart.uses_ida() ? "IDA" : "CVODE", certificate.text(), certificate.distance, certificate.beats,
-      certificate.multiplier);
+      heart.uses_ida() ? "IDA" : "CVODE", certificate.text_with_warnings(), certificate.distance,
+      certificate.beats, certificate.multiplier);
   if (!o.output.empty()) {
     write_csv(o.output, beat);
     fmt::print("beat: {}\n", o.output);
@@ -98,7 +100,8 @@ void add_run(CLI::App& app) {
     const auto style = o->quiet ? Progress::Style::quiet : Progress::Style::automatic;
     if (!o->resume.empty()) allow_going_on_in(o->resume);
     // Before anything is read: the readers then refuse what is to be written.
-    if (!o->output.empty()) require_writable(o->output, "-o");
+    if (!o->output.empty())
+      require_writable(o->output, "-o", o->monolithic ? FileKind::table : FileKind::result);
     std::vector<std::string> overrides;
     if (!o->accuracy.empty()) {
       const HeartAccuracy& chosen = heart_accuracy(o->accuracy);
@@ -134,7 +137,8 @@ void add_run(CLI::App& app) {
       fmt::print("\n{}\n", index_table(run.indexes(), run.scene().body_surface_area_m2));
     const auto& certificate = run.certificate();
     fmt::print("limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
-               certificate.text(), certificate.distance, certificate.beats, certificate.multiplier);
+               certificate.text_with_warnings(), certificate.distance, certificate.beats,
+               certificate.multiplier);
     const auto summary = summarise(run);
     fmt::print("audits: blood volume drift {:.1e} mL, energy imbalance {:.2f} %\n",
                summary["audits"]["blood_volume_drift_mL"].get<double>(),

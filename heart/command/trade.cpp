@@ -58,8 +58,10 @@ Progress progress_of(const Options& o, const std::string& name) {
   if (!o.output.empty()) {
     std::error_code code;
     std::filesystem::create_directories(o.output, code);
-    for (const char* name : {"trade.json", "trade.md", "trade.png", "trade.svg"})
-      require_writable(std::filesystem::path(o.output) / name, "-o");
+    for (const char* name : {"trade.json", "trade.md"})
+      require_writable(std::filesystem::path(o.output) / name, "-o", FileKind::study);
+    for (const char* name : {"trade.png", "trade.svg"})
+      require_writable(std::filesystem::path(o.output) / name, "-o", FileKind::picture);
   }
   return {name, o.quiet ? Progress::Style::quiet : Progress::Style::automatic};
 }

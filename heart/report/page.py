@@ -52,7 +52,8 @@ def _loops_caption(result):
 def write_document(answer, result, parts):
     """`parts`: HTML between the title and the scene. Returns the page."""
     lines = [
-        "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
+        "<!doctype html><html lang='en'><head><meta charset='utf-8'>"
+        "<meta name='generator' content='written by wiggers'>",  # by which it may be replaced (core/file_kind.hpp)
         f"<title>{html.escape(result.title)}</title><style>{STYLE}</style></head><body>",
         f"<h1>{html.escape(result.title)}</h1>",
         *parts,
@@ -74,7 +75,8 @@ def _verdicts(result):
     if "limit_cycle" in s and not (result.beats == 0 and not result.is_whole_beat):
         cycle = s["limit_cycle"]
         good = cycle["verdict"] == "period-1"
-        rows.append((good, f"limit cycle: {html.escape(cycle['verdict'])}, scaled distance {cycle['distance']:.1e} after "
+        words = cycle["verdict"] + "".join(f"{', with warnings: ' if k == 0 else '; '}{w}" for k, w in enumerate(cycle.get("warnings", [])))
+        rows.append((good and "warnings" not in cycle, f"limit cycle: {html.escape(words)}, scaled distance {cycle['distance']:.1e} after "
                            f"{cycle['beats']} beats, leading multiplier {cycle['multiplier']:.3f}"))
     for name, cell in s.get("cells", {}).items():
         if "limit_cycle" in cell:

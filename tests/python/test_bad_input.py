@@ -100,12 +100,13 @@ def test_unwritable_folder(wiggers, tmp_path):
 def test_a_full_disk_keeps_the_earlier_file(tmp_path):
     """A limit on file size stands for a full disk: the write fails half-way."""
     target = tmp_path / "r.h5"
-    target.write_bytes(b"earlier")
+    earlier = b"\x89HDF\r\n\x1a\n an earlier result with its provenance"
+    target.write_bytes(earlier)
     words = f"ulimit -f 16; exec {COMMAND} run {SCENES / 'elastance_healthy.toml'} -o {target}"
     process = subprocess.run(["bash", "-c", words], capture_output=True, text=True, timeout=120)
     assert process.returncode == 1
     assert "cannot write" in process.stderr
-    assert target.read_bytes() == b"earlier"
+    assert target.read_bytes() == earlier
     assert [p.name for p in tmp_path.iterdir()] == ["r.h5"]
 
 

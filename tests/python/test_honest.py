@@ -127,3 +127,49 @@ def test_each_atrium_has_its_own_kick(wiggers, tmp_path):
     assert "VpreAC_mL" not in passive["LA"]
     assert "atrial_kick_percent" not in passive
     assert "E_over_A" not in passive
+
+
+def test_a_cell_full_of_calcium_is_unphysical(wiggers):
+    words = ["cell", "ttp06-epi", "--set", "k_NaCa=10", "--set", "g_pCa=0", "--set", "Ca_o=10", "--integrator", "rush-larsen-2",
+             "--dt-ms", "0.05", "--quiet", "--json"]
+    for end in (["--beats", "400"], ["--until", "limit-cycle", "--distance", "1e-4"]):
+        outcome = wiggers(*words, *end)
+        assert outcome.status == 1, outcome.out
+        assert "unphysical" in outcome.err and "no living cell" in outcome.err
+
+
+def test_a_heart_that_hardly_ejects_says_so_beside_its_verdict(wiggers):
+    weak = wiggers("run", SCENES / "elastance_healthy.toml", "--set", "walls.LV.EA=0.01", "--quiet", "--json")
+    assert weak.status == 0, weak.err
+    cycle = last_json(weak)["limit_cycle"]
+    assert cycle["verdict"] == "period-1"
+    assert any("LV" in warning and "eject" in warning for warning in cycle["warnings"])
+    assert f"limit cycle: period-1, with warnings: {'; '.join(cycle['warnings'])}, distance" in weak.out
+    healthy = wiggers("run", SCENES / "elastance_healthy.toml", "--quiet", "--json")
+    assert "warnings" not in last_json(healthy)["limit_cycle"]
+    assert "with warnings" not in healthy.out
+
+
+@pytest.mark.parametrize("words, other, name", [
+    (["run", SCENES / "elastance_healthy.toml"], "title = 'somebody, else'\n", "r.h5"),
+    (["run", SCENES / "elastance_healthy.toml", "--monolithic"], "my notes\n", "r.csv"),
+    (["cell", "crn", "--beats", "1"], "title = 'a scene'\n", "r.csv"),
+    (["cell", "crn", "--beats", "1"], "a,b\n1,2\n", "r.h5"),
+    (["loop", "--beats", "1"], "\x89PNG a photograph", "r.csv"),
+    (["mesh", "ellipsoid"], "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "r.msh"),
+    (["extremes", "crn"], "{\"name\": 1}", "r.json"),
+    (["cell", "crn", "--beats", "1", "--final-state"], "# notes\n", "s.csv"),
+])
+def test_what_is_of_another_kind_is_never_replaced(wiggers, tmp_path, words, other, name):
+    file = tmp_path / name
+    file.write_text(other)
+    if words[0] == "loop":
+        (tmp_path / "loop.toml").write_text('parameters = "wiggers-healthy-0d"\n')
+        words = ["loop", tmp_path / "loop.toml", *words[1:]]
+    outcome = wiggers(*words, *([] if words[-1] == "--final-state" else ["-o"]), file, *([] if words[0] == "mesh" else ["--quiet"]))
+    if words[0] in ("mesh", "extremes") and "--help for more" in outcome.err:
+        pytest.skip("built without this verb")
+    assert outcome.status == 2, outcome.err
+    assert "is there already and is not" in outcome.err and "name another file" in outcome.err
+    assert file.read_text() == other
+    assert [p.name for p in tmp_path.iterdir() if p.suffix == ".partial"] == []

@@ -651,3 +651,66 @@ def test_ctrl_c_is_seen_within_a_long_beat(call):
 def test_more_rows_than_the_memory_holds_are_refused(call, words):
     with pytest.raises(wiggers.InputError, match=words):
         call()
+
+
+def test_a_cycle_that_breaks_its_models_rules_is_not_loaded(loop_cycle, tmp_path):
+    """Also where the checksum fits: charge and blood volume are those of the model that the file names."""
+    from wiggers._results import _checksum
+
+    cell = wiggers.Cell("crn")
+    cell_cycle = cell.to_limit_cycle(distance=1e-3)
+    for cycle, place, change, words in ((loop_cycle, 0, 1.2, "mL of blood"), (loop_cycle, 0, -1.0, "V_LA"),
+                                        (cell_cycle, cell.states.index("K_i"), 1.01, "conserved charge"),
+                                        (cell_cycle, cell.states.index("Na_i"), 100.0, "Na_i")):
+        path = tmp_path / "cycle.json"
+        path.unlink(missing_ok=True)
+        cycle.save(path)
+        assert np.array_equal(wiggers.Cycle.load(path).state, cycle.state)
+        content = json.loads(path.read_text())
+        content["state"][place] = float(change * cycle.state[place]).hex()
+        del content["checksum"]
+        content["checksum"] = _checksum(content)
+        path.write_text(json.dumps(content))
+        with pytest.raises(wiggers.InputError, match=words):
+            wiggers.Cycle.load(path)
+
+
+def test_a_cycle_is_not_saved_over_somebodys_file(loop_cycle, tmp_path):
+    (tmp_path / "package.json").write_text('{"name": "mine"}')
+    with pytest.raises(wiggers.InputError, match="is not a saved limit cycle"):
+        loop_cycle.save(tmp_path / "package.json")
+    assert (tmp_path / "package.json").read_text() == '{"name": "mine"}'
+
+
+def test_why_there_is_no_duration_is_said(tmp_path):
+    cell = wiggers.Cell("ttp06-endo", stimulus_A_per_F=-5)
+    cycle = cell.to_limit_cycle(distance=1e-3)
+    why = "did not depolarise: the stimulus is below threshold"
+    assert "APD90_ms" not in cycle.indexes
+    assert cycle.indexes.no_action_potential == why
+    assert why in repr(cycle)
+    with pytest.raises(KeyError, match="APD90_ms: no action potential: did not depolarise"):
+        cycle.indexes["APD90_ms"]
+    cycle.save(tmp_path / "c.json")
+    for same in (wiggers.Cycle.load(tmp_path / "c.json"), pickle.loads(pickle.dumps(cycle)), copy.deepcopy(cycle)):
+        assert same.indexes.no_action_potential == why and same.indexes == cycle.indexes
+    batch = cell.batch({"stimulus_A_per_F": [-5.0, -52.0]}, distance=1e-3)
+    assert batch.good.all()
+    assert batch.notes == [f"no action potential: {why}", ""]
+    assert np.isnan(batch["APD90_ms"][0]) and np.isfinite(batch["APD90_ms"][1])
+    assert "rush-larsen-2 at 0.05 ms" in repr(cell)
+
+
+def test_cells_and_hearts_that_cannot_be_good_say_so_in_python():
+    dead = {"k_NaCa": 10.0, "g_pCa": 0.0, "Ca_o": 10.0}
+    cell = wiggers.Cell("ttp06-epi", **dead)
+    with pytest.raises(wiggers.NumericalFailure, match="no living cell"):
+        cell.to_limit_cycle(distance=1e-4)
+    batch = wiggers.Cell("ttp06-epi").batch({name: [value] * 2 for name, value in dead.items()}, distance=1e-4)
+    assert all("no living cell" in reason for reason in batch.reasons)
+    loop = wiggers.Loop(changes={"elastance.LV.EA": 0.01})
+    cycle = loop.to_limit_cycle()
+    assert cycle.certificate.converged and cycle.certificate.verdict == "period-1"
+    assert "period-1, with warnings: LV" in repr(cycle.certificate)
+    assert "LV" in loop.batch({"elastance.LV.EA": [0.01]}).notes[0]
+    assert pickle.loads(pickle.dumps(cycle.certificate)) == cycle.certificate

@@ -143,3 +143,29 @@ def test_a_result_that_was_changed_since_is_not_drawn(heart, tmp_path):
         file["cavities/LV/volume"][0:400] = -500
     process = report(tmp_path, "r.h5")
     assert process.returncode == 2 and "cavities/LV/volume" in process.stderr and "checksum" in process.stderr
+
+
+def test_sizes_that_a_file_only_claims_are_refused_before_memory_is_taken(wiggers, heart, tmp_path):
+    """Files of others have no checksums: what their entries claim is looked at all the same."""
+
+    def changed(change):
+        path = tmp_path / "r.h5"
+        shutil.copy(heart, path)
+        with h5py.File(path, "r+") as file:
+            del file["provenance/checksums"]
+            change(file)
+        return wiggers("report", path, "-o", tmp_path / "page")
+
+    def claim(file):
+        del file["time"]
+        file.create_dataset("time", shape=(1 << 45,), dtype="f8", chunks=(1000,))
+
+    def link(file):
+        del file["time"]
+        file["time"] = h5py.ExternalLink("elsewhere.h5", "/time")
+
+    for change, words in ((claim, "entry /time claims"), (link, "entry /time is a link to another place")):
+        outcome = changed(change)
+        assert outcome.status == 2, outcome.err
+        assert words in outcome.err
+        assert not (tmp_path / "page").exists()

@@ -573,3 +573,32 @@ def test_benchmark_beam_on_one_and_two_ranks(tmp_path):
         assert re.search(r"^\d+ load steps, 0 failed, \d+ Newton iterations, smallest J 0\.9\d+", outcome.out, re.M)
     assert tips[0] == tips[1]
     assert 2.9 < tips[0][1] < 4.2  # stiffer than the incompressible one, 4.17 mm, as coarse as it is
+
+
+def test_linear_tetrahedra_that_lock_are_told_at_the_start(wiggers, tmp_path):
+    scene = tmp_path / "s.toml"
+
+    def loaded(order, bulk):
+        scene.write_text(f"""
+title = "locking"
+[body]
+physics = "mechanics"
+shape = "ellipsoid"
+size_mm = 8
+[body.mechanics]
+order = {order}
+[body.materials.ventricles]
+law = "guccione"
+C_Pa = 2000
+bulk_Pa = {bulk}
+[body.load.LV]
+pressure_mmHg = 0.5
+[body.reference]
+recover = false
+""")
+        return wiggers("run", scene)
+
+    locked = loaded(1, 1e7)
+    assert "warning: body: linear tetrahedra lock in ventricles" in locked.out
+    assert "mechanics.order = 2" in locked.out
+    assert "lock" not in loaded(1, 5e4).out

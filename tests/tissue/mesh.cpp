@@ -496,3 +496,16 @@ TEST_CASE("a tangled mesh is an error: cells on one side of their common face ov
   mesh.cells[1] = {0, 2, 1, 4};
   CHECK(!tangled(mesh));
 }
+
+TEST_CASE("sizes without sense are told in few digits") {
+  TetMesh mesh = small_box();
+  for (Point3& x : mesh.points) x = 1e100 * x;
+  const std::string text = report_text(check_mesh(mesh));
+  INFO(text);
+  CHECK_THAT(text, Contains("3e+103") || Contains("3e+104"));
+  for (std::size_t at = 0; (at = text.find_first_of("0123456789", at)) != std::string::npos;) {
+    const std::size_t end = std::min(text.find_first_not_of("0123456789", at), text.size());
+    CHECK(end - at < 12);
+    at = end;
+  }
+}

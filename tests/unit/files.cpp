@@ -69,8 +69,8 @@ TEST_CASE("writing replaces a file whole and leaves nothing beside it") {
   CHECK(read_file(file) == "second");
   CHECK(files_in(folder.path) == 1);
   CHECK_THROWS_AS(write_file_atomically(folder.path / "no" / "such" / "d.txt", "x"), ResourceError);
-  CHECK_THROWS_AS(require_writable(folder.path / "no" / "d.txt", "-o"), InputError);
-  CHECK_THROWS_AS(require_writable(folder.path, "-o"), InputError);
+  CHECK_THROWS_AS(require_writable(folder.path / "no" / "d.txt", "-o", FileKind::table), InputError);
+  CHECK_THROWS_AS(require_writable(folder.path, "-o", FileKind::table), InputError);
 }
 
 TEST_CASE("a result file reads back what was written, with unit and meaning") {
@@ -134,7 +134,7 @@ TEST_CASE("a link is followed to its file, which is replaced beside itself") {
   CHECK(read_file(folder.path / "real" / "not-yet") == "made");
   fs::create_symlink("loop", folder.path / "loop");
   CHECK_THROWS_AS(write_file_atomically(folder.path / "loop", "x"), ResourceError);
-  CHECK_THROWS_AS(require_writable(folder.path / "loop", "-o"), InputError);
+  CHECK_THROWS_AS(require_writable(folder.path / "loop", "-o", FileKind::table), InputError);
 }
 
 TEST_CASE("devices, pipes and open files are written through, never replaced") {
@@ -196,25 +196,134 @@ TEST_CASE("what killed runs left goes with the next write - what is written or n
 TEST_CASE("an input is no output, whichever is known first and by whichever name") {
   const Folder folder;
   const auto path = [&](const char* name) { return folder.path / name; };
-  for (const char* name : {"scene", "mesh", "csv", "result"}) std::ofstream(path(name)) << name;
+  const std::string table = "a,b\n1,2\n";
+  for (const char* name : {"scene", "mesh", "csv", "result"}) std::ofstream(path(name)) << table;
   (void)read_file(path("scene"));
-  CHECK_THROWS_WITH(require_writable(path("scene"), "-o"), Catch::Contains("is an input of this command"));
+  CHECK_THROWS_WITH(require_writable(path("scene"), "-o", FileKind::table),
+                    Catch::Contains("is an input of this command"));
   fs::create_symlink("scene", path("link"));
   fs::create_hard_link(path("scene"), path("hard"));
-  CHECK_THROWS_AS(require_writable(path("link"), "-o"), InputError);
-  CHECK_THROWS_AS(require_writable(path("hard"), "-o"), InputError);
-  CHECK_THROWS_AS(require_writable(folder.path / "." / "scene", "-o"), InputError);
-  require_writable(path("mesh"), "-o");
+  CHECK_THROWS_AS(require_writable(path("link"), "-o", FileKind::table), InputError);
+  CHECK_THROWS_AS(require_writable(path("hard"), "-o", FileKind::table), InputError);
+  CHECK_THROWS_AS(require_writable(folder.path / "." / "scene", "-o", FileKind::table), InputError);
+  require_writable(path("mesh"), "-o", FileKind::table);
   CHECK_THROWS_WITH(read_file(path("mesh")), Catch::Contains("is an input of this command"));
-  CHECK_THROWS_WITH(require_writable(path("mesh"), "--final-state"), Catch::Contains("-o already"));
+  CHECK_THROWS_WITH(require_writable(path("mesh"), "--final-state", FileKind::table),
+                    Catch::Contains("-o already"));
   allow_going_on_in(path("result"));
-  require_writable(path("result"), "-o");
-  CHECK(read_file(path("result")) == "result");
+  require_writable(path("result"), "-o", FileKind::table);
+  CHECK(read_file(path("result")) == table);
   fs::create_directory(path("r.fields"));
   std::ofstream(path("r.fields") / "frame_000000.vtu") << "mesh";
   (void)read_file(path("r.fields") / "frame_000000.vtu");
   CHECK_THROWS_WITH(require_writable_folder(path("r.fields"), "-o"), Catch::Contains("frame_000000.vtu"));
-  CHECK(read_file(path("scene")) == "scene");
+  CHECK(read_file(path("scene")) == table);
+}
+
+TEST_CASE("a file is replaced only by one of its own kind") {
+  const Folder folder;
+  const auto put = [&](const char* name, std::string_view text) {
+    std::ofstream(folder.path / name, std::ios::binary) << text;
+    return folder.path / name;
+  };
+  {
+    ResultWriter writer;
+    writer.dataset("/cells/crn/V", std::vector<double>(100000, -81.0), "mV", "potential");
+    writer.write(folder.path / "ours.h5");
+  }
+  const double one = 1;
+  const hid_t scalar = H5Screate(H5S_SCALAR);
+  write_entry(folder.path / "theirs.h5", "a", H5T_NATIVE_DOUBLE, scalar, &one);
+  struct Case {
+    fs::path path;
+    FileKind kind;
+    bool good;
+  };
+  const std::string wide = "a" + std::string(20000, ',') + "\n1" + std::string(20000, ',') + "\n";
+  const Case cases[] = {
+      {folder.path / "ours.h5", FileKind::result, true},
+      {folder.path / "theirs.h5", FileKind::result, false},
+      {folder.path / "none.h5", FileKind::result, true},
+      {put("empty", ""), FileKind::result, true},
+      {"/dev/null", FileKind::result, true},
+      {put("scene.toml", "title = \"x\"\nbase = \"y.toml\"\n"), FileKind::result, false},
+      {put("scene.csv", "title = \"x, y\"\nbase = \"y.toml\"\n"), FileKind::table, false},
+      {put("one.csv", "period_s = 1\n\n[heart]\n"), FileKind::table, false},
+      {put("t.csv", "t [ms],V [mV]\r\n0,-81.2\r\n1,nan\r\n"), FileKind::table, true},
+      {put("notes.csv", "name,age\nAnna,31\n"), FileKind::table, false},
+      {put("wide.csv", wide), FileKind::table, false},
+      {put("zeros.csv", std::string_view("a,b\n1,2\n\0", 9)), FileKind::table, false},
+      {folder.path / "ours.h5", FileKind::table, false},
+      {put("t2.csv", "a,b\n1,2\n"), FileKind::result, false},
+      {put("a.msh", "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Comments\nwritten by wiggers; unit: mm\n"),
+       FileKind::mesh, true},
+      {put("b.msh", "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n"), FileKind::mesh, false},
+      {put("a.json", "{\n \"format\": 1,\n \"model\": \"crn\","), FileKind::state, true},
+      {put("b.json", "{\"name\": \"package\"}"), FileKind::state, false},
+      {put("c.json", "{\n \"subject\": \"crn\""), FileKind::study, true},
+      {put("d.json", "[1, 2]"), FileKind::study, false},
+      {put("a.png", "\x89PNG\r\n tEXtSoftware Matplotlib version"), FileKind::picture, true},
+      {put("b.png", "\x89PNG\r\n a photograph"), FileKind::picture, false},
+      {put("a.html", "<!doctype html><html><meta content='written by wiggers'>"), FileKind::page, true},
+      {put("b.html", "<!doctype html><html><p>my page"), FileKind::page, false},
+  };
+  for (const Case& c : cases) {
+    INFO(c.path << " as " << name_of(c.kind));
+    CHECK(is_replaceable(c.path, c.kind) == c.good);
+  }
+  fs::create_symlink("scene.toml", folder.path / "link");
+  CHECK_THROWS_WITH(
+      require_writable(folder.path / "link", "-o", FileKind::result),
+      Catch::Contains("is there already and is not a result") && Catch::Contains("name another file"));
+}
+
+TEST_CASE("frames of others are not replaced, nor what a linked folder holds") {
+  const Folder folder;
+  const fs::path fields = folder.path / "r.LV.fields";
+  require_writable_folder(fields, "-o");
+  fs::create_directory(fields);
+  std::ofstream(fields / "notes.txt") << "x";
+  require_writable_folder(fields, "-o");
+  std::ofstream(fields / "frame_000001.vtu") << "x";
+  CHECK_THROWS_WITH(require_writable_folder(fields, "-o"), Catch::Contains("no index.pvd"));
+  std::ofstream(fields / "index.pvd") << "<VTKFile type=\"Collection\">";
+  CHECK_THROWS_WITH(require_writable_folder(fields, "-o"), Catch::Contains("index.pvd' is there already"));
+  std::ofstream(fields / "index.pvd")
+      << "<?xml?>\n<!-- mesh: 4 points, 1 cells -->\n<VTKFile type=\"Collection\">";
+  require_writable_folder(fields, "-o");
+  fs::create_directory_symlink("r.LV.fields", folder.path / "l.LV.fields");
+  CHECK_THROWS_WITH(require_writable_folder(folder.path / "l.LV.fields", "-o"), Catch::Contains("is a link"));
+  CHECK_THROWS_WITH(require_writable_folder(folder.path / "l.LV.fields" / "", "-o"),
+                    Catch::Contains("is a link"));
+}
+
+TEST_CASE("a name of any legal length can be written, and what killed runs left of it goes") {
+  const Folder folder;
+  const pid_t child = fork();
+  if (child == 0) _exit(0);
+  waitpid(child, nullptr, 0);
+  for (const std::size_t length : {220, 221, 240, 255}) {
+    for (const std::string letter : {"n", "\xc3\xa9"}) {
+      std::string name = length % 2 ? "x" : "";
+      while (name.size() + letter.size() <= length) name += letter;
+      const fs::path file = folder.path / name;
+      INFO(length << " bytes of " << letter);
+      require_writable(file, "-o", FileKind::table);
+      write_file_atomically(file, "a,b\n1,2\n");
+      CHECK(read_own_file(file) == "a,b\n1,2\n");
+      std::string stem = name;
+      if (stem.size() > 220)
+        stem.resize(letter.size() == 2 && length % 2 == 0 ? 220 : letter.size() == 2 ? 219 : 220);
+      const fs::path left = folder.path / (stem + "." + std::to_string(child) + "-0123456789abcdef.partial");
+      std::ofstream(left) << "x";
+      write_file_atomically(file, "a,b\n3,4\n");
+      CHECK_FALSE(fs::exists(left));
+      CHECK(files_in(folder.path) == 1);
+      fs::remove(file);
+    }
+  }
+  CHECK_THROWS_WITH(require_writable(folder.path / std::string(256, 'n'), "-o", FileKind::table),
+                    Catch::Contains("name too long"));
 }
 
 TEST_CASE("pipes are read once, and not for ever - a missing file names its neighbour") {
@@ -280,6 +389,31 @@ TEST_CASE("entries of another kind, rank or length are refused with their name, 
   H5Fclose(made);
   refuse(numbers, "can hold");
   CHECK_FALSE(ResultReader(file).has("/b"));
+  CHECK_THROWS_WITH(ResultReader(file).require_sensible_sizes(),
+                    Catch::Contains("entry /b is a link to another place"));
+  // Without links the size is what is told; within what packing could hold, the memory.
+  const auto declare = [&](hsize_t n, std::size_t bytes_of_rest) {
+    const hid_t made = H5Fcreate(file.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+    const hsize_t size[] = {n}, rest[] = {bytes_of_rest};
+    H5Gclose(H5Gcreate2(made, "g", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT));
+    H5Dclose(H5Dcreate2(made, "g/claims", H5T_NATIVE_DOUBLE, H5Screate_simple(1, size, nullptr), H5P_DEFAULT,
+                        packed, H5P_DEFAULT));
+    const hid_t set = H5Dcreate2(made, "rest", H5T_NATIVE_CHAR, H5Screate_simple(1, rest, nullptr),
+                                 H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    const std::string content(bytes_of_rest, 'x');
+    H5Dwrite(set, H5T_NATIVE_CHAR, H5S_ALL, H5S_ALL, H5P_DEFAULT, content.data());
+    H5Dclose(set);
+    H5Fclose(made);
+  };
+  declare(1000, 10);
+  ResultReader(file).require_sensible_sizes();
+  declare(hsize_t{1} << 40, 10);
+  CHECK_THROWS_WITH(ResultReader(file).require_sensible_sizes(),
+                    Catch::Contains("/g/claims") && Catch::Contains("can hold"));
+  const auto most = static_cast<hsize_t>(0.3 * available_memory());
+  declare(most / 8, most / 190);
+  CHECK_THROWS_WITH(ResultReader(file).require_sensible_sizes(),
+                    Catch::Contains("/g/claims") && Catch::Contains("cannot be read on this machine"));
   CHECK_THROWS_WITH(ResultReader(file).dataset("/g"), Catch::Contains("no row of numbers"));
 }
 

@@ -65,7 +65,7 @@ void run(const Options& o) {
     throw InputError(fmt::format("-o: '{}' must end in .vtu, the format ParaView opens", o.output));
   if (!std::filesystem::exists(o.mesh) && !std::filesystem::exists(o.mesh + ".pts"))
     throw InputError(fmt::format("{}: no such mesh file", o.mesh));
-  require_writable(o.output, "-o");
+  require_writable(o.output, "-o", FileKind::fields);
 
   std::vector<std::string> notes;
   const TetMesh mesh = read_mesh(o.mesh, mesh_unit(o.unit), &notes);

@@ -42,7 +42,7 @@ void add_shape(CLI::App& verb, const char* name, const char* meaning,
   sub->callback([o, name, &quantities, make] {
     check_range(mesh_size_quantity, o->size_mm, name);
     for (std::size_t k = 0; k < N; ++k) check_range(quantities[k], o->shape[k], name);
-    require_writable(o->output, "-o");
+    require_writable(o->output, "-o", FileKind::mesh);
     const auto start = std::chrono::steady_clock::now();
     const TetMesh mesh = make(o->size_mm, o->shape);
     const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;

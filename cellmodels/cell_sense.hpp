@@ -1,0 +1,39 @@
+// What no cell can be: bounds on a beat's potential and concentrations (facts::living), narrower than what
+// integrators may pass through, that a beat must keep to before anything about it is called good. The
+// equations know no such bounds: they go on with a cytosol full of calcium.
+#pragma once
+
+#include <limits>
+#include <string>
+#include <vector>
+#include <wiggers/cellmodels/catalogue.hpp>
+#include <wiggers/core/limit_cycle.hpp>
+
+namespace wiggers {
+
+// Watches a beat row by row.
+class CellSense {
+ public:
+  explicit CellSense(const CellModel& model);
+  void see(double t_ms, const double* y);
+  // Why no cell can be in this beat, a sentence with what to look at; empty: one can.
+  std::string finding() const;
+
+ private:
+  struct Watched {
+    int state;
+    Quantity bounds;
+    double factor;  // from the state's unit to that of the bounds
+  };
+  const CellModel& model_;
+  std::vector<Watched> watched_;
+  double calcium_low_ = std::numeric_limits<double>::infinity(), rows_end_ms_ = 0;
+  int found_ = -1;
+  double excess_ = 0;
+  std::string finding_;
+};
+
+// The certificate of a cycle of one or several beats whose finding is not empty becomes "unphysical".
+void judge_cell(LimitCycleCertificate& certificate, const std::string& finding);
+
+}  // namespace wiggers
