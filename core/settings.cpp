@@ -44,6 +44,34 @@ void refuse_deep_nesting(const std::string& text, const std::string& name) {
   }
 }
 
+// Bytes of the UTF-8 character at the start of `text`; 0 if there is none (Unicode 15, table 3-7).
+std::size_t utf8_length(std::string_view text) {
+  const auto byte = [&](std::size_t k) { return k < text.size() ? static_cast<unsigned char>(text[k]) : 0u; };
+  const unsigned first = byte(0);
+  if (first < 0x80) return 1;
+  if (first < 0xC2 || first > 0xF4) return 0;
+  const std::size_t length = first < 0xE0 ? 2 : first < 0xF0 ? 3 : 4;
+  const unsigned low = first == 0xE0 ? 0xA0 : first == 0xF0 ? 0x90 : 0x80;
+  const unsigned high = first == 0xED ? 0x9F : first == 0xF4 ? 0x8F : 0xBF;
+  if (byte(1) < low || byte(1) > high) return 0;
+  for (std::size_t k = 2; k < length; ++k)
+    if (byte(k) < 0x80 || byte(k) > 0xBF) return 0;
+  return length;
+}
+
+// The parser leaves its text where it meets another encoding within quotes.
+void refuse_other_encodings(const std::string& text, const std::string& name) {
+  const std::string_view all = text;
+  std::size_t line = 1;
+  for (std::size_t at = 0, length = 0; at < all.size(); at += length) {
+    length = utf8_length(all.substr(at));
+    if (length == 0)
+      throw InputError(fmt::format("{}: line {}: not valid TOML: byte {:#04x} is no UTF-8 text", name, line,
+                                   static_cast<unsigned char>(all[at])));
+    line += all[at] == '\n';
+  }
+}
+
 std::string kind_of(const SettingsValue& value) {
   switch (value.data.index()) {
     case 0:
@@ -82,6 +110,7 @@ std::string written_key(std::string_view key) {
 
 std::shared_ptr<SettingsTable> parse_settings_text(const std::string& text, const std::string& name) {
   try {
+    refuse_other_encodings(text, name);
     refuse_deep_nesting(text, name);
     std::istringstream stream(text);
     return convert_table(toml::parse(stream, name), name, "");

@@ -40,6 +40,18 @@ TEST_CASE("invalid TOML is refused with its line") {
   CHECK_THROWS_AS(parse_settings_text("a = [1, 2]", "f.toml"), InputError);
 }
 
+TEST_CASE("text that is no UTF-8 is refused with its line and byte, other languages are read") {
+  // The parser would read beyond its text.
+  for (const std::string quotes : {"'", "\"", "'''", "\"\"\""})
+    for (const char* wrong :
+         {"\x9b", "\xc3(", "\xed\xa0\x80", "\xf4\x90\x80\x80", "\xc0\xaf", "\xe2\x82", "\xff"}) {
+      INFO(quotes << wrong);
+      CHECK_THROWS_WITH(parse_settings_text("a = 1\nb = " + quotes + "x" + wrong + quotes + "\n", "s.toml"),
+                        Catch::Contains("s.toml: line 2: not valid TOML: byte 0x"));
+    }
+  CHECK_NOTHROW(parse_settings_text("# \xc3\xa9\xe5\xbf\x83\nb = '\xf0\x9f\xab\x80'\n", "s.toml"));
+}
+
 TEST_CASE("overrides reach nested tables - a bare word is text") {
   auto table = parse_settings_text("[a.b]\nx = 1\n", "f.toml");
   override_setting(*table, "a.b.x=2.5");
