@@ -103,6 +103,7 @@ nightly: tissue
 	@ASAN_OPTIONS=detect_leaks=0 $(MPIRUN) build-sanitize-tissue/test_tissue "[ranks]"
 	@cmake --preset minimal && cmake --build build-minimal -j $(JOBS) && ctest --test-dir build-minimal --output-on-failure -j $(JOBS)
 	@$(MAKE) --no-print-directory test
+	@$(PYTHON) docs/make_cell_cycles.py $(BUILD)/wiggers --check 20
 	@for s in crn ttp06-endo ttp06-mid ttp06-epi rdq20 loop scenes/whole_heart.toml scenes/triseg.toml; do \
 	  echo "extremes of $$s"; $(BUILD)/wiggers extremes $$s --quiet > $(BUILD)/extremes.log || { cat $(BUILD)/extremes.log; exit 1; }; done
 	@for seed in 2 3 4; do for s in crn ttp06-epi rdq20 loop; do \

@@ -314,7 +314,8 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
                cell.invariant_drift());
     if (shift)
       fmt::print("  {} moves the cycle by {:.1e}\n",
-                 is_adaptive(o.integrator) ? "a tolerance at most a tenth as large" : "half the step", *shift);
+                 is_adaptive(o.integrator) ? "a tolerance at most a tenth as large" : "half the step",
+                 *shift);
     if (!certificate.reason.empty()) fmt::print("note: {}\n", certificate.reason);
   }
   if (summary.contains("beats_of_cycle"))
