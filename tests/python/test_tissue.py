@@ -601,4 +601,18 @@ recover = false
     locked = loaded(1, 1e7)
     assert "warning: body: linear tetrahedra lock in ventricles" in locked.out
     assert "mechanics.order = 2" in locked.out
-    assert "lock" not in loaded(1, 5e4).out
+    assert "tetrahedra lock" not in loaded(1, 5e4).out
+
+
+def test_a_linked_folder_of_fields_and_frames_of_others_are_left_alone(tmp_path):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "frame_000000.vtu").write_text("somebody's")
+    (tmp_path / "r.LV.fields").symlink_to(elsewhere)
+    outcome = run("run", SCENE, *COARSE, "-o", tmp_path / "r.h5", "--quiet")
+    assert outcome.status == 2 and "is a link" in outcome.err
+    (tmp_path / "r.LV.fields").unlink()
+    elsewhere.rename(tmp_path / "r.LV.fields")
+    outcome = run("run", SCENE, *COARSE, "-o", tmp_path / "r.h5", "--quiet")
+    assert outcome.status == 2 and "no folder of a run" in outcome.err
+    assert [p.read_text() for p in (tmp_path / "r.LV.fields").iterdir()] == ["somebody's"]
