@@ -209,10 +209,10 @@ void bind_cell(py::module_& m) {
           "indexes",
           [](const CellModelOfPython& cell, const Array& start) {
             std::vector<std::pair<std::string, double>> list;
-            std::string why_not;
-            for (const NamedValue& value : cell_indexes(cell.study, cell.state(start), &why_not))
+            BeatWords words;
+            for (const NamedValue& value : cell_indexes(cell.study, cell.state(start), &words))
               list.push_back({value.name, value.value});
-            return std::make_pair(list, why_not);
+            return std::make_pair(list, words.no_action_potential);
           },
           py::arg("start"), "The indexes, and why the beat is no action potential (empty: it is one).")
       .def(
@@ -255,12 +255,14 @@ void bind_cell(py::module_& m) {
             const auto fill = [&](const CellStudy& study, const std::vector<double>& y, double* out,
                                   double* state) {
               std::size_t next = 0;
-              std::string why_not;
-              for (const NamedValue& value : cell_indexes(study, y, &why_not)) {
+              BeatWords words;
+              for (const NamedValue& value : cell_indexes(study, y, &words)) {
                 while (order[next] != value.name) ++next;
                 out[next++] = value.value;
               }
               std::copy(y.begin(), y.end(), state);
+              if (!words.unphysical.empty()) throw NumericalFailure(words.unphysical);
+              const std::string& why_not = words.no_action_potential;
               return why_not.empty() ? why_not : "no action potential: " + why_not;
             };
             const auto one_by_one = [&](std::size_t sample, double* out, double* state) {
@@ -282,8 +284,6 @@ void bind_cell(py::module_& m) {
               for (std::size_t i = 0; i < group.size(); ++i)
                 fill_row(group[i], "", [&](double* out, double* state) {
                   if (!results[i].settled) return one_by_one(group[i], out, state);
-                  const std::string unphysical = unphysical_beats(studies[i], results[i].state);
-                  if (!unphysical.empty()) throw NumericalFailure(unphysical);
                   return fill(studies[i], results[i].state, out, state);
                 });
               return true;

@@ -61,14 +61,16 @@ std::vector<double> values_of(const CellStudy& study) {
 }
 
 // Runs a beat and visits its indexes, the start's states included. Returns why it is no action potential.
-template <class Model, class T, class Visit>
-std::string beat_indexes(const PacedBeat<Model, T>& beat, std::vector<T> state, Visit visit) {
+// on_row(time, states) sees every row.
+template <class Model, class T, class Visit, class OnRow>
+std::string beat_indexes(const PacedBeat<Model, T>& beat, std::vector<T> state, Visit visit, OnRow on_row) {
   const std::vector<T> start = state;
   std::vector<T> t, V, calcium;
   beat.run(state.data(), [&](const T& time, const T* y) {
     t.push_back(time);
     V.push_back(y[Model::membrane_potential]);
     calcium.push_back(y[Model::cytosolic_calcium]);
+    on_row(time, y);
   });
   visit_features(t, V, calcium, beat.stimulus_edges(), visit);
   for (std::size_t i = 0; i < start.size(); ++i)
@@ -240,14 +242,17 @@ std::vector<double> refined_limit_cycle(const CellStudy& study, std::vector<doub
 }
 
 std::vector<NamedValue> cell_indexes(const CellStudy& study, const std::vector<double>& start,
-                                     std::string* why_not) {
+                                     BeatWords* words) {
   std::vector<NamedValue> list;
+  CellSense sense(*study.model);
   with_model(study, [&]<class Model>() {
-    std::string why = beat_indexes<Model, double>(beat_at<Model, double>(study, values_of(study)), start,
-                                                  [&](std::string name, std::string unit, double value) {
-                                                    list.push_back({std::move(name), std::move(unit), value});
-                                                  });
-    if (why_not) *why_not = std::move(why);
+    std::string why_not = beat_indexes<Model, double>(
+        beat_at<Model, double>(study, values_of(study)), start,
+        [&](std::string name, std::string unit, double value) {
+          list.push_back({std::move(name), std::move(unit), value});
+        },
+        [&](double t, const double* y) { sense.see(t, y); });
+    if (words) *words = {std::move(why_not), sense.finding()};
   });
   return list;
 }
@@ -270,7 +275,8 @@ Sensitivities cell_sensitivities(const CellStudy& study, const std::vector<doubl
           beat_at<Model, Tangent>(study, pass.parameter), pass.state,
           [&](const std::string& name, const std::string& unit, const Tangent& value) {
             store_output(table, first, index++, name, unit, value);
-          });
+          },
+          [](const Tangent&, const Tangent*) {});
     });
     if (after_pass) after_pass(0.6 + 0.4 * std::min(1.0, static_cast<double>(first + tangent_lanes) / m));
   }

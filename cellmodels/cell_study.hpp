@@ -47,7 +47,7 @@ std::vector<double> refined_limit_cycle(const CellStudy& study, std::vector<doub
                                         const FixedPointDerivatives& newton);
 
 // Why no cell can be in the beats (so many) from a state; empty: one can.
-std::string unphysical_beats(const CellStudy& study, std::vector<double> state, int beats = 1);
+std::string unphysical_beats(const CellStudy& study, std::vector<double> state, int beats);
 
 struct NamedValue {
   std::string name, unit;
@@ -56,9 +56,12 @@ struct NamedValue {
 // Indexes of the beat from a state: APD90_ms, APD50_ms, V_rest_mV, V_peak_mV, V_min_mV, dVdt_max_mV_per_ms,
 // calcium_diastolic_uM, calcium_peak_uM, calcium_amplitude_uM, calcium_time_to_peak_ms, and the state at the
 // beat's start ("start.Na_i"). What a beat does not have (no action potential) is absent.
-// `why_not`, if given, gets in words why the beat is no action potential; empty if it is one.
+// `words`, if given, gets what there is to say of the beat.
+struct BeatWords {
+  std::string no_action_potential, unphysical;  // why; empty: it is one, a cell can be in it
+};
 std::vector<NamedValue> cell_indexes(const CellStudy& study, const std::vector<double>& start,
-                                     std::string* why_not = nullptr);
+                                     BeatWords* words = nullptr);
 
 // Derivatives of every index on the limit cycle by every parameter but stimulus_K_fraction, which must be 1
 // for a cycle to exist. after_pass(share done) may throw to stop.
