@@ -561,9 +561,12 @@ class PacedSearch {
       for (double x : v) largest = std::max(largest, std::abs(x));
       return largest;
     };
-    const double first = alternation(rounds - 4), last = alternation(rounds - 2);
+    const double first = alternation(stability_rounds - 4), last = alternation(rounds - 2);
     const bool alternates = last >= first && last > 100 * settings_.map_noise;
-    const bool runs_away = size(away.back()) > 3 * size(away.front());
+    // In a long look a slow direction may grow at first; on its way back it shrinks with every round.
+    bool shrinks = rounds > stability_rounds;
+    for (int n = 3 * rounds / 4; n < rounds && shrinks; ++n) shrinks = size(away[n]) < size(away[n - 1]);
+    const bool runs_away = size(away.back()) > 3 * size(away.front()) && !shrinks;
     if (!alternates && !runs_away) return Stability::stable;
     state = beside;
     return alternates ? Stability::alternates : Stability::runs_away;

@@ -161,13 +161,17 @@ TEST_CASE("a map without a fixed point is refused by Newton in words") {
 TEST_CASE("what is known of the slowest direction counts until a search has seen enough") {
   LimitCycleSettings settings;
   settings.distance = 1e-5;
-  settings.known_multiplier = 0.99;
+  settings.known_multiplier = 0.995;
   settings.plain_beats = 0;
-  LimitCycleSearch search(settings, {1, 1, 1});
-  // Far along the slow direction, where the change over a beat is small; the first pairs see a fast one.
-  std::vector<double> x = {1 + 3e-4, 2, 3 + 1e-5};
-  while (search.running()) x = search.next(x, slow_map(x));
+  // Far along the slow direction, where the change over a beat is small; the first pairs see the fast ones.
+  const std::vector<double> multipliers = {0.995, 0.1, -0.05, 0.02};
+  std::vector<double> x = {2e-4, 1e-3, 2e-3, -3e-3};
+  LimitCycleSearch search(settings, {1, 1, 1, 1});
+  while (search.running()) {
+    std::vector<double> image = x;
+    for (std::size_t i = 0; i < x.size(); ++i) image[i] *= multipliers[i];
+    x = search.next(x, image);
+  }
   CHECK(search.certificate().good());
-  CHECK(error_of(x) <= 1e-5);
-  CHECK(search.certificate().multiplier == Approx(0.99).margin(0.005));
+  CHECK(std::abs(x[0]) <= 1e-5);
 }

@@ -170,21 +170,3 @@ TEST_CASE("alternation that slips now and then is none when it is watched for lo
   CHECK(missing.period(20) == 0);
   CHECK(missing.longer_period() == 15);
 }
-
-TEST_CASE("of cycles of many beats the one that pacing reaches") {
-  // Alternation that slips every 11 or every 13 beats; the second variable, which drifts through 0.5 at the
-  // 35th beat, says which, and remembers. A search that went on from elsewhere would decide otherwise.
-  BeatMap map;
-  map.scales = {1, 1, 1};
-  map.admit = [](std::vector<double>&) {};
-  map.beat = [](const std::vector<double>& x) {
-    const double beats = x[1] > 0.5 ? 13 : 11;
-    const double phase = std::fmod(std::round(x[2] * 11) + 1, beats);
-    return std::vector<double>{std::fmod(phase, 2) + 1e-3 * phase, std::min(1.0, x[1] + 0.015), phase / 11};
-  };
-  std::vector<double> x = {0, 0, 0};
-  const auto certificate = paced(map, x, 2000);
-  INFO(certificate.text() << " after " << certificate.beats << " beats; " << certificate.reason);
-  CHECK(certificate.period == 13);
-  CHECK_THAT(certificate.reason, Catch::Contains("every 13 beats"));
-}
