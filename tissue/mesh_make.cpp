@@ -150,7 +150,8 @@ std::vector<std::pair<Solids, int>> ventricle_parts(const BiventricularShape& sh
   // Nearer than 1.5 mm to the chamber's edge they would leave needles of tissue.
   disc(-9.4 * s, -9.4 * s, 8.2 * s);
   disc(10.5 * s, 10.9 * s, 6.2 * s);
-  const auto right_disc = [&, rv_x = rv_x, rv_y = rv_y, offset = offset](const char* name, double x, double y, double r) {
+  const auto right_disc = [&, rv_x = rv_x, rv_y = rv_y, offset = offset](const char* name, double x, double y,
+                                                                         double r) {
     for (int k = 0; k < 72; ++k) {
       const double px = x + (r + 0.5) * std::cos(k * M_PI / 36), py = y + (r + 0.5) * std::sin(k * M_PI / 36);
       if (std::hypot((px - offset) / rv_x, py / rv_y) > 1 || std::hypot(px, py) < R)
