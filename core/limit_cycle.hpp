@@ -6,6 +6,7 @@
 #pragma once
 
 #include <array>
+#include <limits>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -103,7 +104,7 @@ class LimitCycleSearch {
   double best_residual() const { return best_residual_; }
   std::vector<double> best_state() const { return unscaled(best_.x, best_.f); }
   // The largest multiplier, in modulus, that is negative or beyond one: a sign that the cycle may be
-  // unstable.
+  // unstable. Infinite while no multiplier is known.
   double suspicious_multiplier() const { return suspicious_multiplier_; }
 
   // Everything that the next beats depend on, as plain numbers.
@@ -130,7 +131,8 @@ class LimitCycleSearch {
   int relaxing_ = 0;     // plain beats left before the next jump
   bool jumped_ = false;  // there was a jump since the search last fell back to the best state
   double reach_ = 1;     // share of a jump that is dared: less after one that went astray
-  double suspicious_multiplier_ = 0, latest_suspicious_ = 0;
+  double suspicious_multiplier_ = std::numeric_limits<double>::infinity(),
+         latest_suspicious_ = suspicious_multiplier_;
   LimitCycleCertificate certificate_;
 };
 

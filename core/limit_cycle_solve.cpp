@@ -228,6 +228,9 @@ constexpr int settled_beats = 4 * longest_rhythm_beats;
 // the next; more is another rhythm.
 constexpr double largest_change_of_shape = 4;
 constexpr int stability_rounds = 6;
+// A doubtful cycle's look goes on until the alternation has come back to this share, or for so many rounds.
+constexpr double clearly_back = 0.3;
+constexpr int longest_look = 200;
 // Rounds that leave an unstable cycle, so that what they go to shows.
 constexpr int plain_beats_after = 30;
 // Following the drift: a jump moves no concentration by more than this share and nothing by more than so
@@ -532,37 +535,49 @@ class PacedSearch {
   }
 
   // Whether rounds from beside a cycle come back to it: the search converges to cycles as well that pacing
-  // leaves. After rhythms that were none every cycle is looked at, as long as they are watched. Then `state`
-  // is where the rounds went.
+  // leaves. After rhythms that were none every cycle is looked at, as long as they are watched, and on while
+  // it is not clear: what leaves a cycle for irregular beats nearby soon neither grows nor shrinks. Then
+  // `state` is where the rounds went.
   Stability stability_of(State& state, int beats) {
-    if (suspicion_ < suspicious_multiplier && watched_ == 0) return Stability::stable;
-    const int rounds = std::max(stability_rounds, watched_ / beats);
+    const bool doubtful = watched_ > 0;
+    if (suspicion_ < suspicious_multiplier && !doubtful) return Stability::stable;
     const double small = std::clamp(1e4 * settings_.map_noise, 1e-4, 1e-2);
     State beside = state;
     for (std::size_t i = 0; i < beside.size(); ++i)
       beside[i] += (i % 2 == 0 ? small : -small) * std::min(map_.scales[i], std::abs(beside[i]) + 1e-3);
     map_.admit(beside);
     std::vector<State> away;
-    for (int n = 0; n < rounds; ++n) {
-      for (int k = 0; k < beats; ++k) beside = one_beat(beside);
-      State difference(beside.size());
-      for (std::size_t i = 0; i < beside.size(); ++i) difference[i] = (beside[i] - state[i]) / map_.scales[i];
-      away.push_back(std::move(difference));
-    }
-    // The alternating part: slow directions drop out of second differences.
-    const auto alternation = [&](int n) {
-      double largest = 0;
-      for (std::size_t i = 0; i < beside.size(); ++i)
-        largest = std::max(largest, std::abs(away[n + 1][i] - 2 * away[n][i] + away[n - 1][i]));
-      return largest;
-    };
     const auto size = [](const State& v) {
       double largest = 0;
       for (double x : v) largest = std::max(largest, std::abs(x));
       return largest;
     };
-    const double first = alternation(stability_rounds - 4), last = alternation(rounds - 2);
-    const bool alternates = last >= first && last > 100 * settings_.map_noise;
+    // The largest alternating part within rounds: slow directions drop out of second differences.
+    const auto alternation = [&](int from, int to) {
+      double largest = 0;
+      for (int n = std::max(from, 1); n < to && n + 1 < static_cast<int>(away.size()); ++n)
+        for (std::size_t i = 0; i < beside.size(); ++i)
+          largest = std::max(largest, std::abs(away[n + 1][i] - 2 * away[n][i] + away[n - 1][i]));
+      return largest;
+    };
+    bool alternates = false;
+    int rounds = std::max(stability_rounds, watched_ / beats);
+    for (;; rounds *= 2) {
+      while (static_cast<int>(away.size()) < rounds) {
+        for (int k = 0; k < beats; ++k) beside = one_beat(beside);
+        State difference(beside.size());
+        for (std::size_t i = 0; i < beside.size(); ++i)
+          difference[i] = (beside[i] - state[i]) / map_.scales[i];
+        away.push_back(std::move(difference));
+      }
+      const int part = doubtful ? rounds / 3 : 1;
+      const int first_from = stability_rounds - 4;
+      const double first = alternation(first_from, first_from + part);
+      const double last = alternation(rounds - 1 - part, rounds - 1);
+      const bool noise = last <= 100 * settings_.map_noise;
+      alternates = !noise && last >= (doubtful ? clearly_back : 1.0) * first;
+      if (!doubtful || noise || last >= first || last < clearly_back * first || rounds >= longest_look) break;
+    }
     // In a long look a slow direction may grow at first; on its way back it shrinks with every round.
     bool shrinks = rounds > stability_rounds;
     for (int n = 3 * rounds / 4; n < rounds && shrinks; ++n) shrinks = size(away[n]) < size(away[n - 1]);
@@ -575,6 +590,11 @@ class PacedSearch {
   LimitCycleCertificate gave_up() {
     certificate_.verdict = LimitCycleVerdict::not_converged;
     certificate_.beats = spent_;
+    // Of the beats that are left, not of a cycle that was none.
+    if (rhythm_.size() > 1) {
+      certificate_.residual = rhythm_.change(1);
+      certificate_.distance = std::max(certificate_.distance, certificate_.residual);
+    }
     return certificate_;
   }
 

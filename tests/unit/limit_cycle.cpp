@@ -1,4 +1,5 @@
 // The limit-cycle search on maps whose answer is known.
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <wiggers/core/errors.hpp>
@@ -174,4 +175,30 @@ TEST_CASE("what is known of the slowest direction counts until a search has seen
   }
   CHECK(search.certificate().good());
   CHECK(std::abs(x[0]) <= 1e-5);
+}
+
+TEST_CASE("small irregular beats around a cycle that they leave are no cycle") {
+  // The logistic map at r = 3.9, beside a slow quantity that settles. Its beats wander no farther from its
+  // fixed point than what is added to see whether they come back.
+  const double r = 3.9, size = 3e-4;
+  BeatMap map;
+  map.scales = {1, 1};
+  map.beat = [&](const std::vector<double>& x) {
+    const double u = (x[0] - 1) / size;
+    return std::vector<double>{1 + size * r * u * (1 - u), 0.9 * x[1] + 0.1 * u};
+  };
+  map.admit = [&](std::vector<double>& x) { x[0] = std::clamp(x[0], 1 + 0.01 * size, 1 + 0.99 * size); };
+  LimitCycleSettings settings;
+  settings.attractor = Attractor::paced;
+  settings.distance = 1e-6;
+  settings.map_noise = 1e-9;
+  settings.max_beats = 3000;
+  for (int k = 1; k < 40; ++k) {
+    std::vector<double> x = {1 + size * k / 40, 0};
+    const LimitCycleCertificate found = find_limit_cycle(map, settings, x);
+    INFO(k << ": " << found.text() << ", distance " << found.distance);
+    CHECK(found.verdict == LimitCycleVerdict::not_converged);
+    CHECK(found.distance > settings.distance);
+    CHECK(!found.reason.empty());
+  }
 }
