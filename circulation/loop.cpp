@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <set>
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/circulation/loop_beat.hpp>
@@ -70,6 +71,11 @@ LimitCycleSettings loop_cycle_settings(double distance) {
   settings.relaxing_beats = 0;
   return settings;
 }
+
+namespace {
+// Times the distance asked for: the change over a beat below which the next may be the last.
+constexpr double near_the_end = 1e3;
+}  // namespace
 
 std::vector<double> circulation_scales() { return {100, 100, 100, 100, 10, 10, 10, 10, 100, 100, 100, 100}; }
 
@@ -181,12 +187,14 @@ void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table, P
   if (integrator_.name == "runge-kutta-4") {
     const std::vector<double> sample_times(samples.begin(), samples.end());
     auto next = sample_times.begin();
+    int step = 0;
     if (next != sample_times.end()) ++next;  // the start is recorded already
     steps_->run(
         state.data(),
         [&](double t, const double* y, const double* p, const ValveStates& open) {
           check_state(y, t);
-          if (sense) sense->see(t, y, p, flows_when(loop_, open, p, y));
+          // What is unphysical is so for longer than a few steps.
+          if (sense && step++ % 4 == 0) sense->see(t, y, p, flows_when(loop_, open, p, y));
           if (next == sample_times.end() || t < *next - 1e-9 * period) return;
           record(*next);
           ++next;
@@ -219,34 +227,41 @@ LimitCycleCertificate LoopSolver::search(CirculationValues& state, LimitCycleSet
   const double volume = total_volume(loop_.circulation, state.data());
   BeatMap map;
   map.scales = circulation_scales();
+  // A look at every step costs a tenth of a beat: beats are looked at once the end is near.
+  double residual = std::numeric_limits<double>::infinity();
+  bool looked_at = false;
   map.beat = [&](const std::vector<double>& start) {
     CirculationValues image;
     std::copy(start.begin(), start.end(), image.begin());
-    if (sense) *sense = {};  // of the latest beat
-    beat(image, 0, nullptr, sense);
+    looked_at = sense && residual < near_the_end * settings.distance;
+    if (looked_at) *sense = {};  // of the latest beat
+    beat(image, 0, nullptr, looked_at ? sense : nullptr);
     return std::vector<double>(image.begin(), image.end());
   };
   map.admit = [&](std::vector<double>& proposal) {
     hold_total_volume(loop_.circulation, proposal.data(), volume);
   };
   std::vector<double> y(state.begin(), state.end());
-  LimitCycleCertificate certificate = find_limit_cycle(map, settings, y, after_beat);
+  LimitCycleCertificate certificate = find_limit_cycle(map, settings, y, [&](const LimitCycleCertificate& c) {
+    residual = c.residual;
+    if (after_beat) after_beat(c);
+  });
   std::copy(y.begin(), y.end(), state.begin());
+  if (sense && certificate.good() && !looked_at) {
+    CirculationValues last = state;
+    *sense = {};
+    beat(last, 0, nullptr, sense);
+  }
   return certificate;
 }
 
 LimitCycleCertificate LoopSolver::to_limit_cycle(
     CirculationValues& state, LimitCycleSettings settings,
     const std::function<void(const LimitCycleCertificate&)>& after_beat) const {
-  // Rows of an integrator that chooses its steps cost extra: they are looked at once, at the end.
   const bool adaptive = integrator_.name == "cvode";
   PhysicalSense sense;
-  LimitCycleCertificate certificate = search(state, settings, after_beat, adaptive ? nullptr : &sense);
+  LimitCycleCertificate certificate = search(state, settings, after_beat, &sense);
   if (!certificate.good()) return certificate;
-  if (adaptive) {
-    CirculationValues last = state;
-    beat(last, 0, nullptr, &sense);
-  }
   if (const auto& finding = sense.finding()) {
     certificate.verdict = LimitCycleVerdict::unphysical;
     certificate.reason = finding->text();
