@@ -20,12 +20,16 @@ std::string next_part(std::ifstream& in, std::size_t bytes) {
 
 bool has(std::string_view text, std::string_view part) { return text.find(part) != std::string_view::npos; }
 
-// Where HDF5 keeps the names of entries depends on its version: the whole file is looked through.
+// A result's group of provenance and its list of checksums. Where HDF5 keeps the names of entries depends on
+// its version: the whole file is looked through.
 bool holds_provenance(std::ifstream& in, std::string part) {
-  constexpr std::string_view entry = "provenance";
+  constexpr std::string_view group = "provenance", list = "checksums";
+  bool has_group = false, has_list = false;
   while (!part.empty()) {
-    if (has(part, entry)) return true;
-    const std::string end = part.substr(part.size() - std::min(part.size(), entry.size() - 1));
+    has_group = has_group || has(part, group);
+    has_list = has_list || has(part, list);
+    if (has_group && has_list) return true;
+    const std::string end = part.substr(part.size() - std::min(part.size(), group.size() - 1));
     const std::string next = next_part(in, 1 << 20);
     part = next.empty() ? std::string() : end + next;
   }
@@ -43,17 +47,9 @@ bool is_number(std::string text) {
   return !text.empty() && *end == '\0';
 }
 
-// Names in the first line and as many numbers in the second, which may be cut off where the beginning ends.
-bool is_table(std::string_view text) {
-  if (has(text, std::string_view("\0", 1))) return false;
-  const std::size_t end = text.find('\n');
-  if (end == std::string_view::npos) return false;
-  const std::string_view names = text.substr(0, end);
-  std::string_view rest = text.substr(end + 1);
-  const bool whole = has(rest, "\n");
-  std::string_view row = rest.substr(0, rest.find('\n'));
-  if (names.find_first_not_of(" \r,") == std::string_view::npos || row.empty()) return false;
-  if (whole ? commas(row) != commas(names) : commas(row) > commas(names)) return false;
+// A row of so many numbers; `whole`: its end is there.
+bool is_row(std::string_view row, std::size_t n_commas, bool whole) {
+  if (whole ? commas(row) != n_commas : commas(row) > n_commas) return false;
   while (true) {
     const std::size_t comma = row.find(',');
     const bool last = comma == std::string_view::npos;
@@ -62,6 +58,33 @@ bool is_table(std::string_view text) {
     if (last) return true;
     row.remove_prefix(comma + 1);
   }
+}
+
+// Names in the first line and as many numbers in each of the others, the last of which may be cut off where
+// the beginning ends.
+bool is_table(std::string_view text) {
+  if (has(text, std::string_view("\0", 1))) return false;
+  const std::size_t end = text.find('\n');
+  if (end == std::string_view::npos) return false;
+  const std::string_view names = text.substr(0, end);
+  std::string_view rest = text.substr(end + 1);
+  if (names.find_first_not_of(" \r,") == std::string_view::npos || rest.empty()) return false;
+  while (!rest.empty()) {
+    const std::size_t line = rest.find('\n');
+    const bool whole = line != std::string_view::npos;
+    if (!is_row(rest.substr(0, line), commas(names), whole)) return false;
+    rest.remove_prefix(whole ? line + 1 : rest.size());
+  }
+  return true;
+}
+
+// A saved cycle: the number of its format, and its model.
+bool is_saved_cycle(std::string_view text) {
+  constexpr std::string_view format = "\"format\":";
+  const std::size_t at = text.find(format);
+  if (!text.starts_with("{") || at == std::string_view::npos || !has(text, "\"model\":")) return false;
+  const std::size_t value = text.find_first_not_of(" ", at + format.size());
+  return value != std::string_view::npos && text[value] >= '0' && text[value] <= '9';
 }
 
 bool is_of_kind(std::ifstream& in, const std::string& text, FileKind kind) {
@@ -78,8 +101,7 @@ bool is_of_kind(std::ifstream& in, const std::string& text, FileKind kind) {
     case FileKind::series:
       return has(view.substr(0, 200), mark_of_series) && has(view, "<VTKFile type=\"Collection\"");
     case FileKind::state:
-      return view.starts_with("{") && has(view.substr(0, 200), "\"format\":") &&
-             has(view.substr(0, 200), "\"model\":");
+      return is_saved_cycle(view.substr(0, 200));
     case FileKind::study:
       return view.starts_with("{\n \"subject\":") || has(view, "\n| | method | setting | cost of ");
     case FileKind::picture:

@@ -215,6 +215,7 @@ constexpr double noisy_residual = 1e-3;
 constexpr double noisy_bend = 0.5;
 // A change below so many times the map's stated accuracy that has not halved for so many rounds is noise.
 constexpr double noise_per_accuracy = 200;
+constexpr double most_noise_per_accuracy = 1e4;
 constexpr int rounds_in_noise = 4;
 // Plain beats that show the rhythm of a state near a cycle.
 constexpr int rhythm_beats = 3 * longest_cycle_beats + 3;
@@ -310,7 +311,8 @@ class PacedSearch {
           period = take_back();
           continue;
         }
-        if (rhythm_.change(period) < noisy_residual && rhythm_.bend(period) > noisy_bend) {
+        const double noise = std::min(noisy_residual, most_noise_per_accuracy * settings_.map_noise);
+        if (rhythm_.change(period) < noise && rhythm_.bend(period) > noisy_bend) {
           state = found;
           certificate_ = ended;
           certificate_.period = period;
@@ -574,7 +576,11 @@ class PacedSearch {
       const int first_from = stability_rounds - 4;
       const double first = alternation(first_from, first_from + part);
       const double last = alternation(rounds - 1 - part, rounds - 1);
-      const bool noise = last <= 100 * settings_.map_noise;
+      // All of it is back: what still alternates is noise.
+      double left = 0;
+      for (int n = rounds - part; n < rounds; ++n) left = std::max(left, size(away[n]));
+      const bool noise =
+          last <= 100 * settings_.map_noise || (doubtful && left < clearly_back * size(away.front()));
       alternates = !noise && last >= (doubtful ? clearly_back : 1.0) * first;
       if (!doubtful || noise || last >= first || last < clearly_back * first || rounds >= longest_look) break;
     }
