@@ -20,7 +20,6 @@ constexpr double largest_growth = 1000;
 
 constexpr double longest_jump = 1e4;
 constexpr double unknown_multiplier = 0.999;
-constexpr int fewest_pairs = 5;
 // A jump that went astray is followed by shorter ones, which grow again.
 constexpr double shorter = 0.3, longer = 1.5;
 
@@ -212,9 +211,8 @@ std::vector<double> LimitCycleSearch::next(const std::vector<double>& x, const s
           if (std::abs(eigenvalues(k)) < 1.0) multiplier = std::max(multiplier, std::abs(eigenvalues(k)));
         // Differences near the map's own noise say nothing about its slope: keep the last sound estimate.
         if (latest_difference > 1e3 * noise) {
-          // A few pairs see only some directions: what is known of the slowest counts on.
-          const bool few = m < fewest_pairs;
-          certificate_.multiplier = few ? std::max(settings_.known_multiplier, multiplier) : multiplier;
+          // The pairs of a short way see only some directions: what is known of the slowest counts on.
+          certificate_.multiplier = std::max(settings_.known_multiplier, multiplier);
           double suspicious = 0;
           for (int k = 0; k < eigenvalues.size(); ++k)
             if (eigenvalues(k).real() < 0 || std::abs(eigenvalues(k)) >= 1)

@@ -159,7 +159,7 @@ TEST_CASE("a map without a fixed point is refused by Newton in words") {
   CHECK_THROWS_WITH(find_limit_cycle(map, settings, x), Catch::Contains("multiplier of one"));
 }
 
-TEST_CASE("what is known of the slowest direction counts until a search has seen enough") {
+TEST_CASE("what is known of the slowest direction counts on") {
   LimitCycleSettings settings;
   settings.distance = 1e-5;
   settings.known_multiplier = 0.995;
