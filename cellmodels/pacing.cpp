@@ -80,20 +80,19 @@ void PacedCell::check_range(double t, const double* state) const {
     const double relative =
         is_adaptive(integrator_.name) ? std::max(1e-6, 20 * integrator_.relative_tolerance) : 1e-6;
     const double slack = relative * (std::isfinite(q.upper) ? std::max(1.0, std::abs(q.upper)) : 1.0);
-    if (!std::isfinite(state[i]))
-      throw NumericalFailure(fmt::format(
-          "{}: state {} left its physical range {} to {} {} and is no number at t = {:.4g} ms of the beat "
-          "(integrator "
-          "{}{}). Try a smaller step, or integrator rush-larsen or cvode.",
-          model_.name, q.name, q.lower, q.upper, q.unit, t, integrator_.name,
-          is_adaptive(integrator_.name) ? std::string() : fmt::format(", dt {} ms", integrator_.dt_ms)));
-    if (!std::isfinite(state[i]) || state[i] < q.lower - slack || state[i] > q.upper + slack)
-      throw NumericalFailure(fmt::format(
-          "{}: state {} = {} {} left its physical range {} to {} at t = {:.4g} ms of the beat (integrator "
-          "{}{}). "
-          "Try a smaller step, or integrator rush-larsen or cvode.",
-          model_.name, q.name, state[i], q.unit, q.lower, q.upper, t, integrator_.name,
-          is_adaptive(integrator_.name) ? std::string() : fmt::format(", dt {} ms", integrator_.dt_ms)));
+    const bool is_number = std::isfinite(state[i]);
+    if (is_number && state[i] >= q.lower - slack && state[i] <= q.upper + slack) continue;
+    const bool adaptive = is_adaptive(integrator_.name);
+    const StimulusPulse& pulse = protocol_.stimulus;
+    throw NumericalFailure(fmt::format(
+        "{}: state {}{} left its physical range {} to {} {}{} at t = {:.4g} ms of the beat (integrator "
+        "{}{}). "
+        "Try {}; if that does not help, look at the stimulus ({:.4g} A/F for {:.4g} ms) and the parameters.",
+        model_.name, q.name, is_number ? fmt::format(" = {} {}", state[i], q.unit) : "", q.lower, q.upper,
+        q.unit, is_number ? "" : " and is no number", t, integrator_.name,
+        adaptive ? "" : fmt::format(", dt {} ms", integrator_.dt_ms),
+        adaptive ? "a smaller rtol" : "a smaller step, or integrator rush-larsen or cvode",
+        pulse.amplitude_A_per_F, pulse.duration_ms));
   }
 }
 

@@ -83,6 +83,11 @@ class Indexes(dict[str, float]):
         why = f": no action potential: {self.no_action_potential}" if self.no_action_potential else ""
         raise KeyError(f"{name}{why}")
 
+    def __getattr__(self, name: str) -> NoReturn:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise AttributeError(f"indexes are read by name: indexes[{name!r}]")
+
     def __repr__(self) -> str:
         why = f" (no action potential: {self.no_action_potential})" if self.no_action_potential else ""
         return super().__repr__() + why

@@ -5,6 +5,7 @@ Usage: make_report.py RESULT FOLDER DESCRIPTOR      (started by `wiggers report`
 
 import io
 import sys
+import warnings
 
 from answer import answer_with
 
@@ -14,6 +15,7 @@ def make(result_path, answer):
 
     matplotlib.use("Agg")
     matplotlib.rcParams["text.parse_math"] = False  # texts of the file are shown as they stand
+    warnings.filterwarnings("ignore", message="Glyph")  # of a title that the font lacks: an empty box is drawn
     from body import is_body, report_body
 
     if not is_body(result_path):
