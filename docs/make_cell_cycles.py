@@ -162,8 +162,8 @@ def main():
             out.append(f"| {period} | " + " | ".join(cells) + " |")
             print(model, out[-1], flush=True)
         out.append("")
-    out.insert(7, "Of all: " + ", ".join(f"{n} {v}" for v, n in sorted(verdicts.items(), key=lambda x: -x[1])) + ".")
-    out.insert(8, "")
+    out.insert(8, "Of all: " + ", ".join(f"{n} {v}" for v, n in sorted(verdicts.items(), key=lambda x: -x[1])) + ".")
+    out.insert(9, "")
     options.page.write_text("\n".join(out))
 
 
