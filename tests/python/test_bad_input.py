@@ -100,7 +100,7 @@ def test_unwritable_folder(wiggers, tmp_path):
 def test_a_full_disk_keeps_the_earlier_file(tmp_path):
     """A limit on file size stands for a full disk: the write fails half-way."""
     target = tmp_path / "r.h5"
-    earlier = b"\x89HDF\r\n\x1a\n an earlier result with its provenance"
+    earlier = b"\x89HDF\r\n\x1a\n an earlier result with its provenance and checksums"
     target.write_bytes(earlier)
     words = f"ulimit -f 16; exec {COMMAND} run {SCENES / 'elastance_healthy.toml'} -o {target}"
     process = subprocess.run(["bash", "-c", words], capture_output=True, text=True, timeout=120)
