@@ -49,9 +49,7 @@ std::string CellSense::finding() const {
 }
 
 void judge_cell(LimitCycleCertificate& certificate, const std::string& finding) {
-  const bool is_cycle = certificate.verdict == LimitCycleVerdict::period_1 ||
-                        certificate.verdict == LimitCycleVerdict::period_n;
-  if (finding.empty() || !is_cycle) return;
+  if (finding.empty() || !certificate.is_cycle()) return;
   certificate.verdict = LimitCycleVerdict::unphysical;
   certificate.reason = finding;
 }

@@ -201,8 +201,7 @@ LimitCycleCertificate to_limit_cycle(const CellStudy& study, std::vector<double>
     }
     certificate.reason = words_of_beats(peaks);
   }
-  if (certificate.good() || certificate.verdict == LimitCycleVerdict::period_n)
-    judge_cell(certificate, unphysical_beats(study, state, certificate.period));
+  if (certificate.is_cycle()) judge_cell(certificate, unphysical_beats(study, state, certificate.period));
   return certificate;
 }
 

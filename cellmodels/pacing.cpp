@@ -53,9 +53,8 @@ constexpr double changes_above_noise = 1e3;
 constexpr double tolerance_per_change = 1e-2;
 constexpr double slowest_multiplier = 0.999;
 
-bool is_cycle(const LimitCycleCertificate& c) { return c.good() || c.verdict == LimitCycleVerdict::period_n; }
 bool missed(const LimitCycleCertificate& c, const LimitCycleSettings& settings) {
-  return is_cycle(c) && c.distance > settings.distance;
+  return c.is_cycle() && c.distance > settings.distance;
 }
 }  // namespace
 
@@ -316,13 +315,13 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
       break;  // asks for more than double precision has
     }
     beats += next.beats;
-    if (!is_cycle(next) && is_cycle(certificate)) break;
+    if (!next.is_cycle() && certificate.is_cycle()) break;
     state = closer;
     certificate = next;
   }
   certificate.beats = beats;
   multiplier_ = certificate.multiplier;
-  if (is_cycle(certificate)) {
+  if (certificate.is_cycle()) {
     CellSense sense(model_);
     std::vector<double> y = state;
     for (int k = 0; k < certificate.period; ++k)

@@ -68,6 +68,8 @@ struct LimitCycleCertificate {
   std::vector<std::string> warnings = {};
 
   bool good() const { return verdict == LimitCycleVerdict::period_1; }
+  // Of one beat or of several.
+  bool is_cycle() const { return good() || verdict == LimitCycleVerdict::period_n; }
   std::string text() const { return to_string(verdict, period); }
   // For people: "period-1, with warnings: LV hardly ejects ...; ...".
   std::string text_with_warnings() const;

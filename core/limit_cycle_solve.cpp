@@ -646,10 +646,10 @@ std::string seen_from(const BeatMap& map, State state, int beats) {
 LimitCycleCertificate find_limit_cycle(const BeatMap& map, const LimitCycleSettings& settings, State& state,
                                        const AfterBeat& after_beat) {
   LimitCycleCertificate certificate = search_by_method(map, settings, state, after_beat);
-  const bool found = certificate.good() || certificate.verdict == LimitCycleVerdict::period_n;
   // As many beats for the words as longer rhythms need, where the search has spent many more.
   const int beats = std::clamp(certificate.beats / 20, rhythm_beats, 2 * longest_rhythm_beats + 1);
-  if (!found && certificate.reason.empty()) certificate.reason = seen_from(map, state, beats);
+  if (!certificate.is_cycle() && certificate.reason.empty())
+    certificate.reason = seen_from(map, state, beats);
   return certificate;
 }
 

@@ -88,8 +88,7 @@ std::vector<std::string> verdict_warnings(const Table& beat, const BeatIndexes& 
 
 std::vector<std::string> rate_warnings(const Table& beat, const BeatIndexes& indexes,
                                        const std::map<std::string, PacedCellType>& cells) {
-  std::vector<std::string> out;
-  out = verdict_warnings(beat, indexes);
+  std::vector<std::string> out = verdict_warnings(beat, indexes);
   overlaps(beat, out);
   fillings(indexes, out);
   for (const auto& [name, paced] : cells) {
