@@ -138,7 +138,7 @@ fuzz: tissue
 	  -artifact_prefix=../build-fuzz/findings/KIND- $$([ -f ../build-fuzz/corpus/KIND.dict ] && echo -dict=../build-fuzz/corpus/KIND.dict) \
 	  ../build-fuzz/corpus/KIND > ../build-fuzz/KIND.log 2>&1 || { tail -60 ../build-fuzz/KIND.log; exit 255; }'
 	@tail -n 6 build-fuzz/*.log
-	@WIGGERS_FUZZ=2000 WIGGERS=$(CURDIR)/build-fuzz/wiggers WIGGERS_ROOT=$(CURDIR) $(PYTHON) -m pytest -q -x -p no:cacheprovider tests/python/fuzz_results.py
+	@WIGGERS_CHANGED_RESULTS=2000 WIGGERS=$(CURDIR)/build-fuzz/wiggers WIGGERS_ROOT=$(CURDIR) $(PYTHON) -m pytest -q -x -p no:cacheprovider tests/python/fuzz_results.py
 
 # The published verification problems of the tissue, for docs/benchmarks-3d.md (some minutes).
 benchmarks-3d: tissue

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <wiggers/cellmodels/cell_lanes.hpp>
+#include <wiggers/cellmodels/cell_sense.hpp>
 #include <wiggers/cellmodels/cell_study.hpp>
 #include <wiggers/core/memory.hpp>
 
@@ -193,16 +194,8 @@ void bind_cell(py::module_& m) {
       .def(
           "require_state",
           [](const CellModelOfPython& cell, const Array& given) {
-            const std::vector<double> state = cell.state(given);
-            std::vector<double> held = state;
-            hold_charge(cell.study, held);
-            const double* p = cell.study.parameters.data();
-            const double wanted = cell.study.model->invariant(held.data(), p);
-            const double found = cell.study.model->invariant(state.data(), p);
-            if (!(std::abs(found - wanted) <= 1e-6 * std::max(1.0, std::abs(wanted))))
-              throw InputError(fmt::format(
-                  "the state's conserved charge is {:.9g} mV, that of this cell's cycles {:.9g} mV", found,
-                  wanted));
+            require_saved_state(*cell.study.model, cell.study.parameters, cell.study.charge_offset_mV,
+                                cell.state(given), "state");
           },
           py::arg("state"), "Refuses what is on no cycle of this cell: ranges and charge are looked at.")
       .def(

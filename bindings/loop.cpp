@@ -237,20 +237,9 @@ void bind_loop(py::module_& m) {
           "require_state",
           [](const LoopModel& model, const Array& given) {
             const auto state = vector_of(given, n_circulation_states, "state");
-            for (int k = 0; k < n_circulation_states; ++k) {
-              const Quantity& bounds = k < n_chambers ? physical_sense::volume
-                                       : k < Q_AR_SYS ? physical_sense::pressure
-                                                      : physical_sense::flow;
-              Quantity named = circulation_state_quantities[k];
-              named.lower = bounds.lower;
-              named.upper = bounds.upper;
-              check_range(named, state[static_cast<std::size_t>(k)], "state");
-            }
-            const double wanted = total_volume(model.loop.circulation, model.loop.initial.data());
-            const double found = total_volume(model.loop.circulation, state.data());
-            if (!(std::abs(found - wanted) <= 1e-6 * std::abs(wanted)))
-              throw InputError(
-                  fmt::format("the state holds {:.9g} mL of blood, this loop {:.9g} mL", found, wanted));
+            require_saved_circulation(state.data(), "state");
+            require_same_blood(total_volume(model.loop.circulation, state.data()),
+                               total_volume(model.loop.circulation, model.loop.initial.data()), "state");
           },
           py::arg("state"),
           "Refuses what is on no cycle of this loop: bounds and blood volume are looked at.")

@@ -33,6 +33,7 @@ PYBIND11_MODULE(_core, m) {
       "Writes a file whole or not at all: an earlier one is kept until then, and its mode; one of another "
       "kind is "
       "never replaced; devices are written through.");
+  m.def("kind_of_report_file", &wiggers::kind_of_report_file, pybind11::arg("name"), "Page or picture.");
   m.def("require_replaceable", &require_replaceable, pybind11::arg("path"), pybind11::arg("kind"),
         "Refuses a path at which a file of another kind stands.");
   m.def(

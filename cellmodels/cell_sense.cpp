@@ -1,13 +1,17 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <wiggers/cellmodels/cell_sense.hpp>
 #include <wiggers/cellmodels/facts.hpp>
+#include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
 
 namespace wiggers {
 
 namespace {
+constexpr double saved_charge_tolerance = 1e-6;
+
 std::string sentence(const Quantity& q, double value, const std::string& when) {
   return fmt::format(
       "unphysical: the {} is {:.4g} {} {}; no living cell is outside {:g} to {:g} {}. Look at the pumps, "
@@ -46,6 +50,25 @@ std::string CellSense::finding() const {
   if (finding_.empty() && rows_end_ms_ > 0 && calcium_low_ > q.upper)
     return sentence(q, calcium_low_, "all through the beat");
   return finding_;
+}
+
+void require_saved_state(const CellModel& model, const std::vector<double>& parameters,
+                         double charge_offset_mV, const std::vector<double>& state,
+                         const std::string& place) {
+  for (std::size_t i = 0; i < state.size(); ++i) {
+    Quantity wide = model.states[i];
+    const double slack = 1e-3 * (std::isfinite(wide.upper) ? std::max(1.0, std::abs(wide.upper)) : 1.0);
+    wide.lower -= slack;
+    wide.upper += slack;
+    check_range(wide, state[i], place);
+  }
+  if (!model.keeps_invariant(parameters.data())) return;
+  const std::vector<double> published = model.default_state();
+  const double wanted = model.invariant(published.data(), parameters.data()) + charge_offset_mV;
+  const double found = model.invariant(state.data(), parameters.data());
+  if (!(std::abs(found - wanted) <= saved_charge_tolerance * std::max(1.0, std::abs(wanted))))
+    throw InputError(fmt::format("{}: its conserved charge is {:.9g} mV, that of these cells is {:.9g} mV",
+                                 place, found, wanted));
 }
 
 void judge_cell(LimitCycleCertificate& certificate, const std::string& finding) {

@@ -33,6 +33,12 @@ class CellSense {
   std::string finding_;
 };
 
+// Refuses a saved state, naming `place`, that this model with these parameters never leaves on a cycle: one
+// outside its states' ranges (integrators overshoot them by a little), or of another conserved charge than
+// the published state's and `charge_offset_mV`.
+void require_saved_state(const CellModel& model, const std::vector<double>& parameters,
+                         double charge_offset_mV, const std::vector<double>& state, const std::string& place);
+
 // The certificate of a cycle of one or several beats whose finding is not empty becomes "unphysical".
 void judge_cell(LimitCycleCertificate& certificate, const std::string& finding);
 

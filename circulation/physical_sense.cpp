@@ -3,8 +3,34 @@
 #include <algorithm>
 #include <cmath>
 #include <wiggers/circulation/physical_sense.hpp>
+#include <wiggers/core/errors.hpp>
 
 namespace wiggers {
+
+namespace {
+constexpr double saved_volume_tolerance = 1e-6;  // relative: rounding over very many beats
+}  // namespace
+
+const Quantity& physical_bounds(int state) {
+  return state < n_chambers ? physical_sense::volume
+         : state < Q_AR_SYS ? physical_sense::pressure
+                            : physical_sense::flow;
+}
+
+void require_saved_circulation(const double* y, const std::string& place) {
+  for (int k = 0; k < n_circulation_states; ++k) {
+    Quantity named = circulation_state_quantities[k];
+    named.lower = physical_bounds(k).lower;
+    named.upper = physical_bounds(k).upper;
+    check_range(named, y[k], place);
+  }
+}
+
+void require_same_blood(double found_mL, double wanted_mL, const std::string& place) {
+  if (!(std::abs(found_mL - wanted_mL) <= saved_volume_tolerance * std::abs(wanted_mL)))
+    throw InputError(
+        fmt::format("{}: it holds {:.9g} mL of blood, it should be {:.9g} mL", place, found_mL, wanted_mL));
+}
 
 std::string Unphysical::text() const {
   const char* hint = unit == "mL"     ? "its unloaded volume, its stiffness, or the blood volume"

@@ -21,6 +21,14 @@ inline constexpr Quantity pressure{
 inline constexpr Quantity flow{"flow", "mL/s", 0, -2e4, 2e4, "flow through a valve or a vessel"};
 }  // namespace physical_sense
 
+// The bounds of a state of the circulation.
+const Quantity& physical_bounds(int state);
+
+// Refuses a saved state, naming `place`, that no heart can be in.
+void require_saved_circulation(const double* y, const std::string& place);
+// Refuses one that holds other blood (mL) than it should.
+void require_same_blood(double found_mL, double wanted_mL, const std::string& place);
+
 // A quantity outside its bounds: where and when in the beat.
 struct Unphysical {
   std::string quantity, unit;

@@ -24,6 +24,11 @@ enum class FileKind {
 // "a result of wiggers (HDF5)", for messages.
 std::string_view name_of(FileKind kind);
 
+// Of a file of a report, by its name.
+inline FileKind kind_of_report_file(std::string_view name) {
+  return name.ends_with(".html") ? FileKind::page : FileKind::picture;
+}
+
 // Whether the file may be replaced by one of that kind: it is of that kind, or there is nothing to be lost
 // (no file, an empty one, a device).
 bool is_replaceable(const std::filesystem::path& path, FileKind kind);

@@ -4,6 +4,8 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <wiggers/cellmodels/cell_sense.hpp>
+#include <wiggers/circulation/physical_sense.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
 #include <wiggers/core/result_file.hpp>
@@ -34,31 +36,6 @@ std::string place_of(const std::string& name) {
   if (is_one_of(chamber_names, place))
     return "/cavities/" + place + (name[0] == 'V' ? "/volume" : "/pressure");
   return "/circulation/" + name;
-}
-
-// Share of the blood that a saved state may miss: rounding over very many beats.
-constexpr double restored_volume_tolerance = 1e-6;
-
-// Refuses a saved state that no cell can have, or one with another charge than the scene's cells conserve.
-void require_possible_cell(const CellType& cell, const std::vector<double>& state, const std::string& place) {
-  const CellModel& model = *cell.ionic;
-  for (std::size_t i = 0; i < state.size(); ++i) {
-    Quantity wide = model.states[i];  // integrators may overshoot a bound by a little
-    const double slack = 1e-3 * (std::isfinite(wide.upper) ? std::max(1.0, std::abs(wide.upper)) : 1.0);
-    wide.lower -= slack;
-    wide.upper += slack;
-    check_range(wide, state[i], place);
-  }
-  const double* parameters = cell.ionic_parameters.data();
-  if (!model.keeps_invariant(parameters)) return;
-  const std::vector<double> published = model.default_state();
-  const double scene = model.invariant(published.data(), parameters);
-  const double saved = model.invariant(state.data(), parameters);
-  if (!(std::abs(saved - scene) <= 1e-6 * std::max(1.0, std::abs(scene))))
-    throw InputError(
-        fmt::format("{} is damaged: its conserved charge is {:.6g} mV, the scene's cells have "
-                    "{:.6g} mV",
-                    place, saved, scene));
 }
 
 }  // namespace
@@ -154,7 +131,8 @@ void HeartRun::resume(const std::filesystem::path& path) {
     PacedCellType paced;
     if (cell.ionic) {
       paced.state_at_onset = file.finite(group + "/state_at_onset", cell.ionic->states.size());
-      require_possible_cell(cell, paced.state_at_onset, file.place(group + "/state_at_onset"));
+      require_saved_state(*cell.ionic, cell.ionic_parameters, 0, paced.state_at_onset,
+                          file.place(group + "/state_at_onset"));
     }
     SavedNumbers facts = numbers(group + "/facts");
     take_verdict(facts, paced.certificate);
@@ -178,9 +156,7 @@ void HeartRun::resume(const std::filesystem::path& path) {
     throw InputError(fmt::format("{}: {}", file.place("/checkpoint/driver"), error.what()));
   }
   const auto require_blood = [&](double volume_mL, const std::string& entry) {
-    if (std::abs(volume_mL - initial_volume_) > restored_volume_tolerance * initial_volume_)
-      throw InputError(fmt::format("{} is damaged: {:.6g} mL of blood, the scene has {:.6g} mL",
-                                   file.place(entry), volume_mL, initial_volume_));
+    require_same_blood(volume_mL, initial_volume_, file.place(entry));
   };
   require_blood(total_volume(scene_.circulation, driver_->values().data()), "/checkpoint/driver");
   search_->restore(numbers("/checkpoint/search"));

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import IO
 
 from . import __version__
-from ._core import FileKind, InputError, require_replaceable, write_file
+from ._core import InputError, kind_of_report_file, require_replaceable, write_file
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -58,14 +58,10 @@ def write_report(result: Path, folder: Path) -> list[str]:
     for name, _ in files:
         if "/" in name or (folder / name).exists() and (folder / name).samefile(result):
             raise InputError(f"'{folder / name}' cannot be written: it is the result, or no name of a file")
-        require_replaceable(str(folder / name), _kind(name))
+        require_replaceable(str(folder / name), kind_of_report_file(name))
     for name, data in files:
-        write_file(str(folder / name), data, _kind(name))
+        write_file(str(folder / name), data, kind_of_report_file(name))
     return [data.decode().rstrip() for kind, _, data in parts if kind == "say"]
-
-
-def _kind(name: str) -> FileKind:
-    return FileKind.page if name.endswith(".html") else FileKind.picture
 
 
 def _parts(pipe: IO[bytes]) -> Iterator[tuple[str, str, bytes]]:

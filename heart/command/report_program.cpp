@@ -71,10 +71,6 @@ struct Part {
   std::string kind, name, bytes;
 };
 
-FileKind kind_of_part(const std::string& name) {
-  return name.ends_with(".html") ? FileKind::page : FileKind::picture;
-}
-
 // The parts of an answer; nothing if it breaks off.
 std::optional<std::vector<Part>> parts_of(std::string_view answer) {
   std::vector<Part> parts;
@@ -147,7 +143,7 @@ void write_report(const std::string& program, const fs::path& subject, const fs:
     throw ResourceError(fmt::format("cannot make the folder '{}': {}", folder.string(), failed.message()));
   try {
     for (const Part& part : *parts)
-      if (part.kind == "file") require_writable(folder / part.name, "-o", kind_of_part(part.name));
+      if (part.kind == "file") require_writable(folder / part.name, "-o", kind_of_report_file(part.name));
     const auto write = [&](bool page) {
       for (const Part& part : *parts)
         if (part.kind == "file" && (part.name == "index.html") == page)

@@ -1,5 +1,5 @@
 """Nightly: results and saved states that a disk or a person has changed, read by a command with address sanitizer. Each
-ends in a result without a number that is none, or in words. WIGGERS_FUZZ says how many (default 60); seeded."""
+ends in a result without a number that is none, or in words. WIGGERS_CHANGED_RESULTS says how many (default 60); seeded."""
 
 import csv
 import json
@@ -15,7 +15,7 @@ import pytest
 from conftest import COMMAND, SCENES
 from killing import reseal
 
-COUNT = int(os.environ.get("WIGGERS_FUZZ", "60"))
+COUNT = int(os.environ.get("WIGGERS_CHANGED_RESULTS", "60"))
 NUMBERS = [np.nan, np.inf, -np.inf, 0.0, -1.0, 1e300, -1e300, 1e-300, 2.5, 1e9, 77.0]
 SETTINGS = ["--set", "solver.dt_s=2e-3", "--quiet", "--json"]
 # gcc and clang both: a finding ends with a status of its own.
