@@ -290,6 +290,8 @@ void bind_common(py::module_& m) {
       .def_readonly(
           "warnings", &LimitCycleCertificate::warnings,
           "What the cycle is like where it can be, but is no good one: a ventricle that hardly ejects.")
+      .def_property_readonly("failure", &limit_cycle_failure,
+                             "Why the search ended without a cycle of one beat, and what to try.")
       .def("__repr__", [](const LimitCycleCertificate& c) {
         return fmt::format(
             "Certificate({}, distance {:.2g}, residual {:.2g}, leading multiplier {:.4f}, {} beats{}{})",

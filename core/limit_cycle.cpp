@@ -272,7 +272,9 @@ void LimitCycleSearch::judge(double step_to_fixed_point) {
   const double noise = 10 * settings_.map_noise;
   // Two independent estimates of the distance: the change over 1 - lambda, and the model's own step. Before
   // anything is known of lambda it may be that of a slow cell.
-  const double slowest = c.multiplier > 0 ? c.multiplier : unknown_multiplier;
+  const bool known = settings_.known_multiplier > 0 ||
+                     (c.multiplier > 0 && static_cast<int>(history_.size()) > settings_.fewest_differences);
+  const double slowest = known ? c.multiplier : std::max(c.multiplier, unknown_multiplier);
   c.distance = std::max(r / std::max(1e-6, 1 - slowest), step_to_fixed_point);
   if (c.beats >= 3 && (c.distance <= settings_.distance || r <= noise)) {
     // The map's own noise ends the search; what is left of the distance must still be small to call it a

@@ -35,6 +35,9 @@ struct LimitCycleSettings {
   int relaxing_beats = 1;    // plain beats after each jump, in which the fast directions catch up
   int max_beats = 2000;
   double known_multiplier = 0;  // of an earlier search near this cycle; the distance counts with it
+  // Differences between beats that a search must have seen before it believes its own multiplier: fewer may
+  // hide the slowest direction.
+  int fewest_differences = 1;
 };
 
 // period_1: a cycle of one beat. period_n: one of several beats, two of them are alternans (the certificate

@@ -217,6 +217,8 @@ constexpr double noisy_bend = 0.5;
 constexpr double noise_per_accuracy = 200;
 constexpr double most_noise_per_accuracy = 1e4;
 constexpr int rounds_in_noise = 4;
+// Of a slow map four differences may miss the slowest direction, and the distance twenty times.
+constexpr int differences_of_a_slow_map = 5;
 // Plain beats that show the rhythm of a state near a cycle.
 constexpr int rhythm_beats = 3 * longest_cycle_beats + 3;
 // After a rhythm that proved to be none, the next is watched for so many beats, then for twice as many, ...
@@ -414,6 +416,7 @@ class PacedSearch {
   Outcome accelerate(State& state, int period) {
     LimitCycleSettings own = settings_;
     own.plain_beats = 0;
+    own.fewest_differences = differences_of_a_slow_map;
     own.known_multiplier = std::max(settings_.known_multiplier, certificate_.multiplier);
     own.max_beats = std::clamp((settings_.max_beats - spent_) / period, 3, most_rounds);
     LimitCycleSearch search(own, map_.scales, map_.positive);

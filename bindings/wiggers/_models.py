@@ -74,7 +74,8 @@ class _Periodic(_Model):
         """The limit cycle, from the model's own start (near left out) or from a cycle nearby.
 
         distance: scaled distance at which to stop. Raises NumericalFailure if there is no cycle of one beat
-        (alternans, drift): the message has the certificate. progress(beats, distance) is called after each beat.
+        (alternans, drift) or no heart or cell can be in it: the message says what was seen. progress(beats,
+        distance) is called after each beat.
         """
         with showing(progress, f"{self._kind}: limit cycle") as bar:
             state, certificate = self._core.to_limit_cycle(
@@ -82,9 +83,7 @@ class _Periodic(_Model):
                 _beats_allowed(max_beats),
                 text(method, "method"), bar.beats)
         if not certificate.converged:
-            raise _core.NumericalFailure(
-                f"{self._kind}: no limit cycle of one beat: {certificate}. Look at single beats with run(), or choose "
-                "another period.")
+            raise _core.NumericalFailure(f"{self._kind}: {certificate.failure}")
         return self._cycle(state, certificate)
 
     def _cycle(self, state: np.ndarray, certificate: _core.Certificate) -> Cycle:

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <wiggers/cellmodels/pacing.hpp>
 #include <wiggers/core/errors.hpp>
+#include <wiggers/core/rhythm.hpp>
 
 #include "figures.hpp"
 
@@ -106,6 +107,28 @@ TEST_CASE("a cycle's slowest multiplier does not depend on when in the beat the 
     CHECK(certificate.multiplier == Approx(0.9975).margin(5e-4));
     CHECK(certificate.distance <= settings.distance);
     CHECK(certificate.distance >= 0.99 * certificate.residual / (1 - certificate.multiplier));
+  }
+}
+
+TEST_CASE("a coarse search does not state its distance too small") {
+  struct Row {
+    const char* model;
+    double period_ms, distance;
+  };
+  for (const Row row : {Row{"ttp06-endo", 800, 1e-2}, Row{"ttp06-endo", 1000, 1e-2},
+                        Row{"ttp06-mid", 800, 1e-3}, Row{"crn", 2000, 1e-2}}) {
+    const CellModel& model = find_model(row.model);
+    PacedCell cell(model, model.parameter_values("default"), {row.period_ms, model.default_stimulus}, {});
+    LimitCycleSettings settings;
+    settings.attractor = Attractor::paced;
+    std::vector<double> exact = model.default_state(), coarse = exact;
+    const auto scales = cell.scales(exact);
+    REQUIRE(cell.to_limit_cycle(exact, settings).good());
+    settings.distance = row.distance;
+    const auto certificate = cell.to_limit_cycle(coarse, settings);
+    INFO(row.model << " at " << row.period_ms << " ms, distance stated " << certificate.distance);
+    CHECK(certificate.good());
+    CHECK(scaled_distance(coarse, exact, scales) < 3 * certificate.distance);
   }
 }
 

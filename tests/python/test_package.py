@@ -199,7 +199,7 @@ def test_heart(tmp_path):
 
 def test_cell_without_cycle():
     cell = wiggers.Cell("ttp06-epi", dt_ms=0.1, period_ms=150)
-    with pytest.raises(wiggers.NumericalFailure, match="no limit cycle of one beat"):
+    with pytest.raises(wiggers.NumericalFailure, match="limit cycle was not reached: not-converged"):
         cell.to_limit_cycle(max_beats=60)
     assert "APD90_ms" in wiggers.Cell("ttp06-epi", dt_ms=0.1).to_limit_cycle().indexes
 
