@@ -7,11 +7,11 @@
 #include <benchmark/benchmark.h>
 
 #include <thread>
-#include <wiggers/cellmodels/crn.hpp>
-#include <wiggers/cellmodels/pacing.hpp>
-#include <wiggers/cellmodels/population.hpp>
-#include <wiggers/cellmodels/rdq20_stepper.hpp>
-#include <wiggers/cellmodels/ttp06.hpp>
+#include <wiggers/cellmodels/catalogue/rdq20_stepper.hpp>
+#include <wiggers/cellmodels/models/crn.hpp>
+#include <wiggers/cellmodels/models/ttp06.hpp>
+#include <wiggers/cellmodels/pacing/pacing.hpp>
+#include <wiggers/cellmodels/population/population.hpp>
 #include <wiggers/core/fixed_step.hpp>
 #include <wiggers/core/simd.hpp>
 #if __has_include(<xsimd/xsimd.hpp>)

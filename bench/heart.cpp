@@ -3,10 +3,10 @@
 #include <benchmark/benchmark.h>
 #include <sys/resource.h>
 
-#include <wiggers/heart/accuracy.hpp>
-#include <wiggers/heart/heart_study.hpp>
-#include <wiggers/heart/loop_study.hpp>
-#include <wiggers/heart/run.hpp>
+#include <wiggers/heart/run/run.hpp>
+#include <wiggers/heart/scene/accuracy.hpp>
+#include <wiggers/heart/study/heart_study.hpp>
+#include <wiggers/heart/study/loop_study.hpp>
 
 using namespace wiggers;
 

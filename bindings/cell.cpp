@@ -1,9 +1,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <wiggers/cellmodels/cell_lanes.hpp>
-#include <wiggers/cellmodels/cell_sense.hpp>
-#include <wiggers/cellmodels/cell_study.hpp>
+#include <wiggers/cellmodels/pacing/cell_lanes.hpp>
+#include <wiggers/cellmodels/pacing/cell_sense.hpp>
+#include <wiggers/cellmodels/pacing/cell_study.hpp>
 #include <wiggers/core/memory.hpp>
 
 #include "common.hpp"

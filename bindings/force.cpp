@@ -1,8 +1,8 @@
 #include <fmt/format.h>
 
 #include <array>
-#include <wiggers/cellmodels/catalogue.hpp>
-#include <wiggers/cellmodels/rdq20_stepper.hpp>
+#include <wiggers/cellmodels/catalogue/catalogue.hpp>
+#include <wiggers/cellmodels/catalogue/rdq20_stepper.hpp>
 #include <wiggers/core/cvode.hpp>
 
 #include "common.hpp"

@@ -1,9 +1,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <wiggers/heart/accuracy.hpp>
-#include <wiggers/heart/heart_study.hpp>
-#include <wiggers/heart/rate_warnings.hpp>
+#include <wiggers/heart/run/rate_warnings.hpp>
+#include <wiggers/heart/scene/accuracy.hpp>
+#include <wiggers/heart/study/heart_study.hpp>
 
 #include "common.hpp"
 

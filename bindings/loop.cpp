@@ -6,8 +6,8 @@
 #include <wiggers/circulation/physical_sense.hpp>
 #include <wiggers/core/memory.hpp>
 #include <wiggers/core/settings.hpp>
-#include <wiggers/heart/loop_study.hpp>
-#include <wiggers/heart/rate_warnings.hpp>
+#include <wiggers/heart/run/rate_warnings.hpp>
+#include <wiggers/heart/study/loop_study.hpp>
 
 #include "common.hpp"
 

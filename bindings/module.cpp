@@ -1,7 +1,7 @@
 // The Python module wiggers._core: the toolkit's studies of cells, force, loop and heart.
 #include <wiggers/core/files.hpp>
 #include <wiggers/core/progress.hpp>
-#include <wiggers/heart/summary.hpp>
+#include <wiggers/heart/run/summary.hpp>
 
 #include "common.hpp"
 

@@ -1,6 +1,6 @@
 # Kernels that step blocks of cells, compiled once for each instruction set and chosen at run time. Their files
 # contain nothing else, so that no other code is compiled for a processor that may not be there (a test looks).
-set(kernels ${CMAKE_SOURCE_DIR}/cellmodels/kernels)
+set(kernels ${CMAKE_SOURCE_DIR}/cellmodels/population/kernels)
 set(kernel_flags -O3 -ffp-contract=fast)
 if(WIGGERS_SANITIZE)
   # Everything is inlined into a few large functions, which take half an hour to compile instrumented. What they read

@@ -1,5 +1,6 @@
 # A room of the house: one folder, one library, one exported target wiggers::NAME, one component of the package.
-# Headers stand beside their sources; <wiggers/NAME/header.hpp> is the same inside and after installation.
+# Headers stand beside their sources, in the sub-folder of what they are for; <wiggers/NAME/FOLDER/header.hpp> is the
+# same inside and after installation. Programs (command/) are no part of a room's library.
 
 file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/include/wiggers)
 set(WIGGERS_ROOMS "")  # those that are built, each after the rooms that it uses
@@ -7,16 +8,17 @@ set(WIGGERS_ROOMS "")  # those that are built, each after the rooms that it uses
 # wiggers_room(NAME USES LIBRARY... [EXCEPT SOURCE...])
 function(wiggers_room name)
   cmake_parse_arguments(ARG "" "" "USES;EXCEPT" ${ARGN})
-  file(GLOB sources CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/${name}/*.cpp)
+  file(GLOB_RECURSE sources CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/${name}/*.cpp)
+  list(FILTER sources EXCLUDE REGEX "/${name}/command/")
   foreach(source ${ARG_EXCEPT})
     list(REMOVE_ITEM sources ${CMAKE_SOURCE_DIR}/${name}/${source})
   endforeach()
-  file(GLOB headers CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/${name}/*.hpp)
   file(CREATE_LINK ${CMAKE_SOURCE_DIR}/${name} ${CMAKE_BINARY_DIR}/include/wiggers/${name} SYMBOLIC)
   wiggers_library(${name} ${sources})
   target_link_libraries(wiggers_${name} PUBLIC ${ARG_USES})
   install(TARGETS wiggers_${name} EXPORT wiggers-${name}-targets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
-  install(FILES ${headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/wiggers/${name})
+  install(DIRECTORY ${CMAKE_SOURCE_DIR}/${name} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/wiggers
+          FILES_MATCHING PATTERN "*.hpp" PATTERN command EXCLUDE PATTERN report EXCLUDE)
   set(WIGGERS_ROOMS ${WIGGERS_ROOMS} ${name} PARENT_SCOPE)
 endfunction()
 

@@ -29,7 +29,7 @@ def main(wiggers, docs):
     text = [
         "# Error against cost\n",
         "Written by `make trade`; every table by one command, on one core of one machine. Costs are of that machine, "
-        "ratios and errors travel. `--accuracy` picks from these tables (heart/accuracy.cpp).\n",
+        "ratios and errors travel. `--accuracy` picks from these tables (heart/scene/accuracy.cpp).\n",
     ]
     for words, tolerances in TRADE:
         with tempfile.TemporaryDirectory() as folder:

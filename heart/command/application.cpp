@@ -4,8 +4,8 @@
 #include <exception>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/progress.hpp>
-#include <wiggers/heart/summary.hpp>
-#include <wiggers/heart/tissue_kind.hpp>
+#include <wiggers/heart/run/summary.hpp>
+#include <wiggers/heart/walls/tissue_kind.hpp>
 
 #include "verbs.hpp"
 

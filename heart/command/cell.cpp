@@ -4,17 +4,17 @@
 #include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <wiggers/cellmodels/beat_features.hpp>
-#include <wiggers/cellmodels/cell_sense.hpp>
-#include <wiggers/cellmodels/cell_study.hpp>
-#include <wiggers/cellmodels/pacing.hpp>
+#include <wiggers/cellmodels/pacing/beat_features.hpp>
+#include <wiggers/cellmodels/pacing/cell_sense.hpp>
+#include <wiggers/cellmodels/pacing/cell_study.hpp>
+#include <wiggers/cellmodels/pacing/pacing.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
 #include <wiggers/core/memory.hpp>
 #include <wiggers/core/progress.hpp>
 #include <wiggers/core/result_file.hpp>
 #include <wiggers/core/table.hpp>
-#include <wiggers/heart/accuracy.hpp>
+#include <wiggers/heart/scene/accuracy.hpp>
 
 #include "shared.hpp"
 #include "verbs.hpp"

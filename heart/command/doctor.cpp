@@ -5,12 +5,12 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-#include <wiggers/cellmodels/pacing.hpp>
+#include <wiggers/cellmodels/pacing/pacing.hpp>
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/result_file.hpp>
-#include <wiggers/heart/summary.hpp>
-#include <wiggers/heart/tissue_kind.hpp>
+#include <wiggers/heart/run/summary.hpp>
+#include <wiggers/heart/walls/tissue_kind.hpp>
 
 #include "report_program.hpp"
 #include "tissue_program.hpp"

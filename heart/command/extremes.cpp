@@ -6,7 +6,7 @@
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
 #include <wiggers/core/settings.hpp>
-#include <wiggers/heart/extremes.hpp>
+#include <wiggers/heart/measure/extremes.hpp>
 
 #include "shared.hpp"
 #include "verbs.hpp"

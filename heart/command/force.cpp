@@ -7,7 +7,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <set>
-#include <wiggers/cellmodels/rdq20_stepper.hpp>
+#include <wiggers/cellmodels/catalogue/rdq20_stepper.hpp>
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>

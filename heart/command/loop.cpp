@@ -9,10 +9,10 @@
 #include <wiggers/core/files.hpp>
 #include <wiggers/core/memory.hpp>
 #include <wiggers/core/progress.hpp>
-#include <wiggers/heart/accuracy.hpp>
-#include <wiggers/heart/loop_study.hpp>
-#include <wiggers/heart/rate_warnings.hpp>
-#include <wiggers/heart/summary.hpp>
+#include <wiggers/heart/run/rate_warnings.hpp>
+#include <wiggers/heart/run/summary.hpp>
+#include <wiggers/heart/scene/accuracy.hpp>
+#include <wiggers/heart/study/loop_study.hpp>
 
 #include "shared.hpp"
 #include "verbs.hpp"

@@ -2,7 +2,7 @@
 #include <fmt/format.h>
 
 #include <memory>
-#include <wiggers/cellmodels/catalogue.hpp>
+#include <wiggers/cellmodels/catalogue/catalogue.hpp>
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/errors.hpp>
 

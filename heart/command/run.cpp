@@ -3,12 +3,12 @@
 #include <memory>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
-#include <wiggers/heart/accuracy.hpp>
-#include <wiggers/heart/monolithic.hpp>
-#include <wiggers/heart/rate_warnings.hpp>
-#include <wiggers/heart/run.hpp>
-#include <wiggers/heart/summary.hpp>
-#include <wiggers/heart/tissue_kind.hpp>
+#include <wiggers/heart/run/monolithic.hpp>
+#include <wiggers/heart/run/rate_warnings.hpp>
+#include <wiggers/heart/run/run.hpp>
+#include <wiggers/heart/run/summary.hpp>
+#include <wiggers/heart/scene/accuracy.hpp>
+#include <wiggers/heart/walls/tissue_kind.hpp>
 
 #include "shared.hpp"
 #include "verbs.hpp"

@@ -4,7 +4,7 @@
 #include <optional>
 #include <string>
 #include <vector>
-#include <wiggers/cellmodels/catalogue.hpp>
+#include <wiggers/cellmodels/catalogue/catalogue.hpp>
 #include <wiggers/core/limit_cycle.hpp>
 
 namespace wiggers::command {

@@ -6,7 +6,7 @@
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
 #include <wiggers/core/settings.hpp>
-#include <wiggers/heart/trade.hpp>
+#include <wiggers/heart/measure/trade.hpp>
 
 #include "report_program.hpp"
 #include "shared.hpp"

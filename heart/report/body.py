@@ -1,6 +1,6 @@
 """The report of a body of 3D tissue that was run alone: its electrophysiology, or its mechanics under prescribed loads.
 
-Results are those of tissue/body_run.hpp. Drawing and tables are shared with the tissue of a heart (tissue.py,
+Results are those of tissue/body/body_run.hpp. Drawing and tables are shared with the tissue of a heart (tissue.py,
 tissue_page.py); here is what those results hold, which pictures they allow and what the page says.
 """
 

@@ -19,7 +19,7 @@ from result import CHAMBERS, WALL_CHAMBERS
 from surface import Camera, clipped, draw, outer_patches, section
 from vtu import BrokenFields, Frame, read_index
 
-MYOCARDIUM = (1, 2, 3)  # volume tags, see tissue/mesh.hpp
+MYOCARDIUM = (1, 2, 3)  # volume tags, see tissue/mesh/mesh.hpp
 LARGEST_PATCH_M = 1e-3  # drawn in one colour
 # A section through the long axis shows both ventricles: z is up and the right ventricle stands along x.
 SECTION_NORMAL = np.array([0.0, 1.0, 0.0])

@@ -1,4 +1,4 @@
-"""Frames of a field series (tissue/field_file.hpp): one VTU file a moment, a PVD index of all.
+"""Frames of a field series (tissue/body/field_file.hpp): one VTU file a moment, a PVD index of all.
 
 Reads what this project writes, nothing more: tetrahedra, arrays appended as raw bytes, each with its number of
 bytes in front.

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <string>
 #include <vector>
-#include <wiggers/tissue/mesh_check.hpp>
-#include <wiggers/tissue/mesh_read.hpp>
+#include <wiggers/tissue/mesh/check.hpp>
+#include <wiggers/tissue/mesh/read.hpp>
 
 #include "fuzzing.hpp"
 

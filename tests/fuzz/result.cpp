@@ -8,8 +8,8 @@
 #include <variant>
 #include <vector>
 #include <wiggers/core/result_file.hpp>
-#include <wiggers/heart/run.hpp>
-#include <wiggers/heart/scene.hpp>
+#include <wiggers/heart/run/run.hpp>
+#include <wiggers/heart/scene/scene.hpp>
 
 #include "fuzzing.hpp"
 

@@ -1,8 +1,8 @@
 // Scenes: any text is a scene or is refused. The walls' tables, those of 3D tissue included, are read;
 // nothing is run.
 #include <string>
-#include <wiggers/heart/scene.hpp>
-#include <wiggers/tissue/register.hpp>
+#include <wiggers/heart/scene/scene.hpp>
+#include <wiggers/tissue/body/register.hpp>
 
 #include "fuzzing.hpp"
 

@@ -3,7 +3,7 @@
 
 #include <catch2/catch.hpp>
 #include <cmath>
-#include <wiggers/cellmodels/pacing.hpp>
+#include <wiggers/cellmodels/pacing/pacing.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/rhythm.hpp>
 

@@ -3,8 +3,8 @@
 
 #include <catch2/catch.hpp>
 #include <cmath>
-#include <wiggers/cellmodels/catalogue.hpp>
-#include <wiggers/cellmodels/rdq20_stepper.hpp>
+#include <wiggers/cellmodels/catalogue/catalogue.hpp>
+#include <wiggers/cellmodels/catalogue/rdq20_stepper.hpp>
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/errors.hpp>
 

@@ -5,9 +5,9 @@
 #include <sstream>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
-#include <wiggers/heart/accuracy.hpp>
-#include <wiggers/heart/run.hpp>
-#include <wiggers/heart/summary.hpp>
+#include <wiggers/heart/run/run.hpp>
+#include <wiggers/heart/run/summary.hpp>
+#include <wiggers/heart/scene/accuracy.hpp>
 
 using namespace wiggers;
 

@@ -4,8 +4,8 @@
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
-#include <wiggers/heart/indexes.hpp>
-#include <wiggers/heart/scene.hpp>
+#include <wiggers/heart/indexes/indexes.hpp>
+#include <wiggers/heart/scene/scene.hpp>
 
 using namespace wiggers;
 

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
-#include <wiggers/cellmodels/pacing.hpp>
+#include <wiggers/cellmodels/pacing/pacing.hpp>
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/errors.hpp>
 

@@ -2,9 +2,9 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <wiggers/core/errors.hpp>
-#include <wiggers/heart/accuracy.hpp>
-#include <wiggers/heart/monolithic.hpp>
-#include <wiggers/heart/run.hpp>
+#include <wiggers/heart/run/monolithic.hpp>
+#include <wiggers/heart/run/run.hpp>
+#include <wiggers/heart/scene/accuracy.hpp>
 
 using namespace wiggers;
 

@@ -3,11 +3,11 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <random>
-#include <wiggers/cellmodels/crn.hpp>
-#include <wiggers/cellmodels/pacing.hpp>
-#include <wiggers/cellmodels/population.hpp>
-#include <wiggers/cellmodels/rdq20_midpoint.hpp>
-#include <wiggers/cellmodels/ttp06.hpp>
+#include <wiggers/cellmodels/models/crn.hpp>
+#include <wiggers/cellmodels/models/ttp06.hpp>
+#include <wiggers/cellmodels/pacing/pacing.hpp>
+#include <wiggers/cellmodels/population/population.hpp>
+#include <wiggers/cellmodels/schemes/rdq20_midpoint.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/fixed_step.hpp>

@@ -4,7 +4,7 @@
 #include <cstdlib>
 #include <random>
 #include <wiggers/core/errors.hpp>
-#include <wiggers/heart/loop_study.hpp>
+#include <wiggers/heart/study/loop_study.hpp>
 
 using namespace wiggers;
 

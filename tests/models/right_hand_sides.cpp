@@ -5,10 +5,10 @@
 #include <cmath>
 #include <limits>
 #include <set>
-#include <wiggers/cellmodels/catalogue.hpp>
-#include <wiggers/cellmodels/crn.hpp>
-#include <wiggers/cellmodels/rdq20.hpp>
-#include <wiggers/cellmodels/ttp06.hpp>
+#include <wiggers/cellmodels/catalogue/catalogue.hpp>
+#include <wiggers/cellmodels/models/crn.hpp>
+#include <wiggers/cellmodels/models/rdq20.hpp>
+#include <wiggers/cellmodels/models/ttp06.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
 

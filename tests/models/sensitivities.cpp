@@ -9,12 +9,12 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <map>
-#include <wiggers/cellmodels/cell_study.hpp>
+#include <wiggers/cellmodels/pacing/cell_study.hpp>
 #include <wiggers/circulation/loop_beat.hpp>
 #include <wiggers/core/errors.hpp>
-#include <wiggers/heart/heart_study.hpp>
-#include <wiggers/heart/loop_study.hpp>
-#include <wiggers/heart/run.hpp>
+#include <wiggers/heart/run/run.hpp>
+#include <wiggers/heart/study/heart_study.hpp>
+#include <wiggers/heart/study/loop_study.hpp>
 
 using namespace wiggers;
 

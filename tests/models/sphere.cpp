@@ -5,8 +5,8 @@
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
-#include <wiggers/heart/indexes.hpp>
-#include <wiggers/heart/reduced_wall.hpp>
+#include <wiggers/heart/indexes/indexes.hpp>
+#include <wiggers/heart/walls/reduced.hpp>
 
 using namespace wiggers;
 

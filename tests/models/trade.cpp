@@ -3,8 +3,8 @@
 #include <cmath>
 #include <limits>
 #include <wiggers/core/errors.hpp>
-#include <wiggers/heart/extremes.hpp>
-#include <wiggers/heart/trade.hpp>
+#include <wiggers/heart/measure/extremes.hpp>
+#include <wiggers/heart/measure/trade.hpp>
 
 using namespace wiggers;
 

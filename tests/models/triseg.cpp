@@ -4,8 +4,8 @@
 #include <sstream>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
-#include <wiggers/heart/run.hpp>
-#include <wiggers/heart/triseg_wall.hpp>
+#include <wiggers/heart/run/run.hpp>
+#include <wiggers/heart/walls/triseg_wall.hpp>
 
 using namespace wiggers;
 

@@ -1,6 +1,6 @@
 """The report of a body of tissue that was run alone: electrophysiology, and mechanics under prescribed loads.
 
-The results are made up (a block of tissue), as tissue/body_electrophysiology.cpp and tissue/body_mechanics.cpp write
+The results are made up (a block of tissue), as tissue/body/body_electrophysiology.cpp and tissue/body/body_mechanics.cpp write
 them, so that the tests need no finite elements.
 """
 

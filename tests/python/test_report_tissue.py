@@ -43,7 +43,7 @@ def block(n=(4, 4, 6), size_m=(0.04, 0.04, 0.06)):
 
 
 def write_vtu(path, points, cells, tag, fields):
-    """As tissue/field_file.cpp writes it."""
+    """As tissue/body/field_file.cpp writes it."""
     appended = b""
 
     def array(type_, name, values, components=1):

@@ -2,10 +2,10 @@
 // stretch, its distribution between the ventricles, its limits.
 #include <catch2/catch.hpp>
 #include <cmath>
-#include <wiggers/cellmodels/catalogue.hpp>
+#include <wiggers/cellmodels/catalogue/catalogue.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
-#include <wiggers/tissue/activation.hpp>
+#include <wiggers/tissue/physics/activation.hpp>
 
 #include "bodies.hpp"
 

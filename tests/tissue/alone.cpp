@@ -7,10 +7,10 @@
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/result_file.hpp>
 #include <wiggers/core/units.hpp>
-#include <wiggers/tissue/body.hpp>
-#include <wiggers/tissue/body_run.hpp>
-#include <wiggers/tissue/equilibrium.hpp>
-#include <wiggers/tissue/register.hpp>
+#include <wiggers/tissue/body/body.hpp>
+#include <wiggers/tissue/body/body_run.hpp>
+#include <wiggers/tissue/body/register.hpp>
+#include <wiggers/tissue/physics/equilibrium.hpp>
 
 #include "bodies.hpp"
 

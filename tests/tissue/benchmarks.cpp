@@ -2,7 +2,7 @@
 // their sources: tissue_benchmarks.md.
 #include <catch2/catch.hpp>
 #include <cmath>
-#include <wiggers/tissue/benchmarks.hpp>
+#include <wiggers/tissue/verification/benchmarks.hpp>
 
 using namespace wiggers::benchmarks;
 

@@ -5,9 +5,9 @@
 #include <memory>
 #include <random>
 #include <vector>
-#include <wiggers/tissue/fibres.hpp>
-#include <wiggers/tissue/mesh_shapes.hpp>
-#include <wiggers/tissue/tensor.hpp>
+#include <wiggers/tissue/fibres/fibres.hpp>
+#include <wiggers/tissue/laws/tensor.hpp>
+#include <wiggers/tissue/mesh/shapes.hpp>
 
 namespace wiggers::bodies {
 

@@ -12,10 +12,10 @@
 #include <random>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
-#include <wiggers/tissue/fibres.hpp>
-#include <wiggers/tissue/field_file.hpp>
-#include <wiggers/tissue/laplace.hpp>
-#include <wiggers/tissue/tensor.hpp>
+#include <wiggers/tissue/body/field_file.hpp>
+#include <wiggers/tissue/fibres/fibres.hpp>
+#include <wiggers/tissue/fibres/laplace.hpp>
+#include <wiggers/tissue/laws/tensor.hpp>
 
 using namespace wiggers;
 

@@ -5,9 +5,9 @@
 #include <string>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/simd.hpp>
-#include <wiggers/tissue/element.hpp>
-#include <wiggers/tissue/law_parameters.hpp>
-#include <wiggers/tissue/laws.hpp>
+#include <wiggers/tissue/laws/laws.hpp>
+#include <wiggers/tissue/laws/parameters.hpp>
+#include <wiggers/tissue/physics/element.hpp>
 
 using namespace wiggers;
 

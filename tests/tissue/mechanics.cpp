@@ -5,9 +5,9 @@
 #include <cmath>
 #include <functional>
 #include <wiggers/core/errors.hpp>
-#include <wiggers/tissue/equilibrium.hpp>
-#include <wiggers/tissue/mesh_geometry.hpp>
-#include <wiggers/tissue/mesh_make.hpp>
+#include <wiggers/tissue/mesh/geometry.hpp>
+#include <wiggers/tissue/mesh/make.hpp>
+#include <wiggers/tissue/physics/equilibrium.hpp>
 
 #include "bodies.hpp"
 

@@ -9,11 +9,11 @@
 #include <filesystem>
 #include <fstream>
 #include <wiggers/core/errors.hpp>
-#include <wiggers/tissue/mesh_check.hpp>
-#include <wiggers/tissue/mesh_geometry.hpp>
-#include <wiggers/tissue/mesh_make.hpp>
-#include <wiggers/tissue/mesh_read.hpp>
-#include <wiggers/tissue/mesh_shapes.hpp>
+#include <wiggers/tissue/mesh/check.hpp>
+#include <wiggers/tissue/mesh/geometry.hpp>
+#include <wiggers/tissue/mesh/make.hpp>
+#include <wiggers/tissue/mesh/read.hpp>
+#include <wiggers/tissue/mesh/shapes.hpp>
 
 using namespace wiggers;
 using Catch::Contains;

@@ -3,11 +3,11 @@
 
 #include <catch2/catch.hpp>
 #include <cmath>
-#include <wiggers/cellmodels/catalogue.hpp>
+#include <wiggers/cellmodels/catalogue/catalogue.hpp>
 #include <wiggers/core/errors.hpp>
-#include <wiggers/tissue/mesh_geometry.hpp>
-#include <wiggers/tissue/monodomain.hpp>
-#include <wiggers/tissue/reference_cell.hpp>
+#include <wiggers/tissue/mesh/geometry.hpp>
+#include <wiggers/tissue/mesh/reference_cell.hpp>
+#include <wiggers/tissue/physics/monodomain.hpp>
 
 #include "bodies.hpp"
 

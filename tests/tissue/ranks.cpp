@@ -8,15 +8,15 @@
 #include <functional>
 #include <numeric>
 #include <set>
-#include <wiggers/cellmodels/catalogue.hpp>
+#include <wiggers/cellmodels/catalogue/catalogue.hpp>
 #include <wiggers/core/errors.hpp>
-#include <wiggers/tissue/collective.hpp>
-#include <wiggers/tissue/element.hpp>
-#include <wiggers/tissue/equilibrium.hpp>
-#include <wiggers/tissue/mesh_broadcast.hpp>
-#include <wiggers/tissue/mesh_geometry.hpp>
-#include <wiggers/tissue/monodomain.hpp>
-#include <wiggers/tissue/reference_cell.hpp>
+#include <wiggers/tissue/mesh/geometry.hpp>
+#include <wiggers/tissue/mesh/reference_cell.hpp>
+#include <wiggers/tissue/parallel/collective.hpp>
+#include <wiggers/tissue/parallel/mesh_broadcast.hpp>
+#include <wiggers/tissue/physics/element.hpp>
+#include <wiggers/tissue/physics/equilibrium.hpp>
+#include <wiggers/tissue/physics/monodomain.hpp>
 
 #include "bodies.hpp"
 

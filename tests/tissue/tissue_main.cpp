@@ -5,7 +5,7 @@
 
 #include <catch2/catch.hpp>
 #include <cstdio>
-#include <wiggers/tissue/algebra.hpp>
+#include <wiggers/tissue/parallel/algebra.hpp>
 
 int main(int argc, char** argv) {
   const wiggers::ParallelSession parallel(&argc, &argv);

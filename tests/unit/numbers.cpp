@@ -2,9 +2,9 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <random>
-#include <wiggers/cellmodels/crn.hpp>
-#include <wiggers/cellmodels/rdq20.hpp>
-#include <wiggers/cellmodels/ttp06.hpp>
+#include <wiggers/cellmodels/models/crn.hpp>
+#include <wiggers/cellmodels/models/rdq20.hpp>
+#include <wiggers/cellmodels/models/ttp06.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/simd.hpp>

@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 
 #include <wiggers/core/errors.hpp>
-#include <wiggers/tissue/benchmarks.hpp>
+#include <wiggers/tissue/verification/benchmarks.hpp>
 
 #include "verbs.hpp"
 

@@ -8,9 +8,9 @@
 #include <memory>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
-#include <wiggers/tissue/fibres.hpp>
-#include <wiggers/tissue/field_file.hpp>
-#include <wiggers/tissue/mesh_read.hpp>
+#include <wiggers/tissue/body/field_file.hpp>
+#include <wiggers/tissue/fibres/fibres.hpp>
+#include <wiggers/tissue/mesh/read.hpp>
 
 namespace wiggers::command {
 

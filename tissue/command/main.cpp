@@ -2,8 +2,8 @@
 #include <unistd.h>
 
 #include <cstdio>
-#include <wiggers/tissue/algebra.hpp>
-#include <wiggers/tissue/register.hpp>
+#include <wiggers/tissue/body/register.hpp>
+#include <wiggers/tissue/parallel/algebra.hpp>
 
 #include "application.hpp"
 #include "verbs.hpp"

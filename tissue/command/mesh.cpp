@@ -11,9 +11,9 @@
 #include <vector>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
-#include <wiggers/tissue/mesh_check.hpp>
-#include <wiggers/tissue/mesh_make.hpp>
-#include <wiggers/tissue/mesh_read.hpp>
+#include <wiggers/tissue/mesh/check.hpp>
+#include <wiggers/tissue/mesh/make.hpp>
+#include <wiggers/tissue/mesh/read.hpp>
 
 namespace wiggers::command {
 

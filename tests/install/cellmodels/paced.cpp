@@ -1,8 +1,8 @@
 // A foreign project: one beat of a cell, and a population as the README has it.
 #include <algorithm>
 #include <cstdio>
-#include <wiggers/cellmodels/pacing.hpp>
-#include <wiggers/cellmodels/population.hpp>
+#include <wiggers/cellmodels/pacing/pacing.hpp>
+#include <wiggers/cellmodels/population/population.hpp>
 
 int main() {
   using namespace wiggers;

@@ -3,8 +3,8 @@
 #include <cstdio>
 #include <memory>
 #include <wiggers/circulation/loop.hpp>
-#include <wiggers/heart/driver.hpp>
-#include <wiggers/heart/elastance_wall.hpp>
+#include <wiggers/heart/coupling/driver.hpp>
+#include <wiggers/heart/walls/elastance.hpp>
 
 using namespace wiggers;
 

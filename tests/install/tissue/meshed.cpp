@@ -1,9 +1,9 @@
 // A foreign project with the 3D tissue under MPI: a mesh, and the pressure surfaces of a body of it.
 #include <cmath>
 #include <cstdio>
-#include <wiggers/tissue/benchmarks.hpp>
-#include <wiggers/tissue/mesh_geometry.hpp>
-#include <wiggers/tissue/mesh_make.hpp>
+#include <wiggers/tissue/mesh/geometry.hpp>
+#include <wiggers/tissue/mesh/make.hpp>
+#include <wiggers/tissue/verification/benchmarks.hpp>
 
 int main(int argc, char** argv) {
   using namespace wiggers;

@@ -1,0 +1,37 @@
+#include <wiggers/heart/walls/tissue_kind.hpp>
+#include <wiggers/tissue/body/body_run.hpp>
+#include <wiggers/tissue/body/plan.hpp>
+#include <wiggers/tissue/body/register.hpp>
+#include <wiggers/tissue/body/tissue_wall.hpp>
+#include <wiggers/tissue/parallel/collective.hpp>
+#include <wiggers/tissue/verification/self_check.hpp>
+
+namespace wiggers {
+
+void register_tissue() {
+  TissueKind& kind = tissue_kind();
+  kind.read = read_tissue;
+  kind.make = [](const Scene& scene, const WallPlan& plan,
+                 const std::map<std::string, PacedCellType>& cells) -> std::unique_ptr<Wall> {
+    return std::make_unique<TissueWall>(scene, plan, cells, MPI_COMM_WORLD);
+  };
+  kind.run_body = [](const Scene& scene, const BodyRequest& request) {
+    return scene.physics == Physics::mechanics ? run_body_mechanics(scene, request, MPI_COMM_WORLD)
+                                               : run_body_electrophysiology(scene, request, MPI_COMM_WORLD);
+  };
+  kind.check = check_tissue;
+  kind.on_first_rank = [](const std::function<void()>& work) {
+    collectively(MPI_COMM_WORLD, [&] {
+      int rank = 0;
+      MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+      if (rank == 0) work();
+    });
+  };
+  kind.any_rank = [](bool value) {
+    int mine = value, any = 0;
+    MPI_Allreduce(&mine, &any, 1, MPI_INT, MPI_MAX, MPI_COMM_WORLD);
+    return any != 0;
+  };
+}
+
+}  // namespace wiggers
