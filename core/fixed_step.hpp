@@ -52,7 +52,7 @@ struct ForwardEuler {
 template <class Model, class T, class H>
 inline void rush_larsen_update(const H& h, const EvaluationOf<Model, T>& e, const T* from, T* y) {
   for (std::size_t i = 0; i < Model::states.size(); ++i)
-    y[i] = Model::is_gate[i] ? T(e.steady[i] + (from[i] - e.steady[i]) * exp(T(-h / e.tau[i])))
+    y[i] = is_gate<Model>[i] ? T(e.steady[i] + (from[i] - e.steady[i]) * exp(T(-h / e.tau[i])))
                              : T(from[i] + h * e.derivative[i]);
 }
 
@@ -86,19 +86,19 @@ inline void generalised_rush_larsen_update(double h, const double* at, const dou
   constexpr std::size_t n = Model::states.size();
   constexpr int n_others = [] {
     int count = 0;
-    for (bool gate : Model::is_gate) count += gate ? 0 : 1;
+    for (bool gate : is_gate<Model>) count += gate ? 0 : 1;
     return count;
   }();
   using D = Dual<n_others>;
   std::array<D, n> yd;
   int seed = 0;
-  for (std::size_t i = 0; i < n; ++i) yd[i] = Model::is_gate[i] ? D(at[i]) : D::variable(at[i], seed++);
+  for (std::size_t i = 0; i < n; ++i) yd[i] = is_gate<Model>[i] ? D(at[i]) : D::variable(at[i], seed++);
   std::array<D, Model::inputs.size()> in;
   for (std::size_t i = 0; i < in.size(); ++i) in[i] = D(inputs[i]);
   const auto e = Model::template evaluate<D>(yd.data(), in.data(), constants);
   seed = 0;
   for (std::size_t i = 0; i < n; ++i) {
-    if (Model::is_gate[i]) {
+    if (is_gate<Model>[i]) {
       const double steady = e.steady[i].value;
       y[i] = steady + (from[i] - steady) * exp(-h / e.tau[i].value);
     } else {
@@ -151,21 +151,21 @@ struct Bdf2Imex {
       std::array<T, n> star;
       for (std::size_t i = 0; i < n; ++i) {
         star[i] = y[i];
-        if (!Model::is_gate[i]) {
+        if (!is_gate<Model>[i]) {
           const T ahead = 2.0 * y[i] - previous_[i];
           star[i] = Model::states[i].lower >= 0 ? select(ahead > 0.0, ahead, y[i]) : ahead;
         }
       }
       const auto rates = Model::template evaluate<T>(star.data(), inputs, constants);
       for (std::size_t i = 0; i < n; ++i)
-        if (Model::is_gate[i])
+        if (is_gate<Model>[i])
           star[i] = (2.0 * y[i] - 0.5 * previous_[i] + h * rates.steady[i] / rates.tau[i]) /
                     (1.5 + h / rates.tau[i]);
       // Currents with the new gates and the extrapolated concentrations: one more evaluation keeps the
       // order and needs no splitting of the model into its parts.
       const auto fluxes = Model::template evaluate<T>(star.data(), inputs, constants);
       for (std::size_t i = 0; i < n; ++i)
-        y[i] = Model::is_gate[i] ? star[i]
+        y[i] = is_gate<Model>[i] ? star[i]
                                  : T((2.0 * y[i] - 0.5 * previous_[i] + h * fluxes.derivative[i]) / 1.5);
     }
     previous_ = before;

@@ -14,6 +14,19 @@ namespace wiggers {
 
 inline constexpr double unbounded = std::numeric_limits<double>::infinity();
 
+// What a state or an input is to the code that steps a model: marked where the quantity stands, never known
+// by its position or spelling.
+enum class Role : char {
+  none,
+  gate,            // obeys dg/dt = (steady - g)/tau, both independent of g
+  voltage_gate,    // the same, both functions of the potential alone
+  potential,       // of the membrane
+  calcium,         // in the cytosol, what drives a force model
+  stimulus_ion,    // carries the stimulus current
+  stimulus,        // the input that is paced
+  stimulus_share,  // the parameter: how much of the stimulus its ion carries; only all of it keeps the charge
+};
+
 struct Quantity {
   std::string_view name;
   std::string_view unit;  // "1" for dimensionless
@@ -21,7 +34,21 @@ struct Quantity {
   double lower = -unbounded;  // admissible range, ends included
   double upper = unbounded;
   std::string_view meaning;
+  Role role = Role::none;
 };
+
+constexpr Quantity marked(Role role, Quantity quantity) {
+  quantity.role = role;
+  return quantity;
+}
+
+// Position of the quantity with a role; -1 if there is none.
+template <std::size_t N>
+constexpr int index_of(const std::array<Quantity, N>& quantities, Role role) {
+  for (std::size_t i = 0; i < N; ++i)
+    if (quantities[i].role == role) return static_cast<int>(i);
+  return -1;
+}
 
 // A parameter as a list shows it: its fact sheet, its full name (with the table it stands in) and its value.
 struct NamedParameter {

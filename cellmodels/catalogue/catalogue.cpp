@@ -4,9 +4,9 @@
 #include <type_traits>
 #include <wiggers/cellmodels/catalogue/adaptive_integrators.hpp>
 #include <wiggers/cellmodels/catalogue/catalogue.hpp>
-#include <wiggers/cellmodels/models/crn.hpp>
+#include <wiggers/cellmodels/models/ionic_models.hpp>
 #include <wiggers/cellmodels/models/rdq20.hpp>
-#include <wiggers/cellmodels/models/ttp06.hpp>
+#include <wiggers/cellmodels/schemes/branches.hpp>
 #include <wiggers/cellmodels/schemes/jacobian.hpp>
 #include <wiggers/cellmodels/schemes/rosenbrock.hpp>
 #include <wiggers/cellmodels/schemes/voltage_table.hpp>
@@ -17,14 +17,15 @@ namespace wiggers {
 
 namespace {
 
-constexpr std::array<std::string_view, 6> fixed_names = {ForwardEuler<Crn, double>::name,
-                                                         RushLarsen1<Crn, double>::name,
-                                                         RushLarsen2<Crn, double>::name,
-                                                         GeneralisedRushLarsen1<Crn, double>::name,
-                                                         GeneralisedRushLarsen2<Crn, double>::name,
-                                                         Bdf2Imex<Crn, double>::name};
-constexpr std::array<std::string_view, 4> adaptive_names = {"cvode", Rosenbrock4<Crn>::name, "odeint-dopri5",
-                                                            "odeint-rosenbrock4"};
+// Names do not depend on the model.
+constexpr std::array<std::string_view, 6> fixed_names = {ForwardEuler<Rdq20, double>::name,
+                                                         RushLarsen1<Rdq20, double>::name,
+                                                         RushLarsen2<Rdq20, double>::name,
+                                                         GeneralisedRushLarsen1<Rdq20, double>::name,
+                                                         GeneralisedRushLarsen2<Rdq20, double>::name,
+                                                         Bdf2Imex<Rdq20, double>::name};
+constexpr std::array<std::string_view, 4> adaptive_names = {"cvode", Rosenbrock4<Rdq20>::name,
+                                                            "odeint-dopri5", "odeint-rosenbrock4"};
 
 template <class Model>
 class EquationsOf final : public CellEquations {
@@ -45,9 +46,7 @@ class EquationsOf final : public CellEquations {
     for (std::size_t column = 0; column < n; ++column)
       for (std::size_t row = 0; row < n; ++row) result[row + n * column] = rows[row][column];
   }
-  void choose_side(bool below) override {
-    if constexpr (requires { constants_.rate_branch; }) constants_.rate_branch = below ? 1e9 : -1e9;
-  }
+  void choose_interval(int interval) override { keep_to_interval<Model>(constants_, interval); }
 
  private:
   typename Model::template Constants<double> constants_;
@@ -69,11 +68,6 @@ class StepperOf final : public CellStepper {
 };
 
 template <class Model>
-constexpr bool is_ionic_model = requires {
-  Model::membrane_potential;
-};
-
-template <class Model>
 class CellModelOf final : public CellModel {
  public:
   CellModelOf() {
@@ -86,14 +80,16 @@ class CellModelOf final : public CellModel {
     inputs = Model::inputs;
     observables = Model::observables;
     parameter_sets = Model::parameter_sets;
-    is_gate = Model::is_gate;
-    if constexpr (is_ionic_model<Model>) {
-      membrane_potential = Model::membrane_potential;
-      cytosolic_calcium = Model::cytosolic_calcium;
-      default_stimulus = Model::default_stimulus;
-      branch_potential = Model::branch_potential;
-      invariant_meaning = Model::invariant_meaning;
-    }
+    is_gate = wiggers::is_gate<Model>;
+    membrane_potential = potential_of<Model>;
+    cytosolic_calcium = calcium_of<Model>;
+    has_voltage_table = InParts<Model>;
+    if constexpr (n_branches < Model >> 0) branch_potentials = Model::branch_potentials;
+    if constexpr (IonicModel<Model>) default_stimulus = Model::default_stimulus;
+    if constexpr (HasInvariants<Model>)
+      invariants = Model::invariants;
+    else
+      no_invariants = Model::no_invariants;
   }
 
   void evaluate(const double* y, const double* in, const double* p, double* rates,
@@ -130,43 +126,51 @@ class CellModelOf final : public CellModel {
     return values;
   }
   std::vector<double> voltage_table_row(double V, double h, Decay decay, const double* p) const override {
-    if constexpr (is_ionic_model<Model>) {
+    if constexpr (InParts<Model>) {
       const auto row = wiggers::voltage_table_row<Model, double>(V, h, decay, Model::constants(p));
       return {row.begin(), row.end()};
     }
     return {};
   }
 
-  bool keeps_invariant(const double* p) const override {
-    if constexpr (is_ionic_model<Model>) return Model::keeps_invariant(p);
-    return false;
+  bool keeps_invariants(const double* p) const override {
+    if constexpr (HasInvariants<Model>) return Model::keeps_invariants(p);
+    return true;
   }
-  double invariant(const double* y, const double* p) const override {
-    if constexpr (is_ionic_model<Model>) return Model::invariant(y, Model::constants(p));
-    return 0;
-  }
-  void hold_invariant(double* y, const double* p, double value) const override {
-    if constexpr (is_ionic_model<Model>) {
-      const auto c = Model::constants(p);
-      y[Model::balancing_ion] += (value - Model::invariant(y, c)) / Model::invariant_slope(c);
+  std::vector<double> invariant_values(const double* y, const double* p) const override {
+    if constexpr (HasInvariants<Model>) {
+      const auto values = Model::invariant_values(y, Model::constants(p));
+      return {values.begin(), values.end()};
     }
+    return {};
+  }
+  void hold_invariants(double* y, const double* p, const std::vector<double>& values) const override {
+    if constexpr (HasInvariants<Model>)
+      wiggers::hold_invariants<Model>(y, Model::constants(p), values.data());
   }
 };
 
-const CellModelOf<Crn> crn;
-const CellModelOf<Ttp06<Ttp06Type::endo>> ttp06_endo;
-const CellModelOf<Ttp06<Ttp06Type::mid>> ttp06_mid;
-const CellModelOf<Ttp06<Ttp06Type::epi>> ttp06_epi;
-const CellModelOf<Rdq20> rdq20;
-const CellModel* const all_models[] = {&crn, &ttp06_endo, &ttp06_mid, &ttp06_epi, &rdq20};
+template <class Model>
+const CellModelOf<Model> the_model;
+
+// The ionic models in their order, then the force models.
+const std::vector<const CellModel*>& all_models() {
+  static const std::vector<const CellModel*> all = [] {
+    std::vector<const CellModel*> list;
+    IonicModels::each([&]<class Model>() { list.push_back(&the_model<Model>); });
+    list.push_back(&the_model<Rdq20>);
+    return list;
+  }();
+  return all;
+}
 
 }  // namespace
 
-std::span<const CellModel* const> catalogue() { return all_models; }
+std::span<const CellModel* const> catalogue() { return all_models(); }
 
 const CellModel& find_model(std::string_view name) {
   std::vector<std::string> known;
-  for (const CellModel* model : all_models) {
+  for (const CellModel* model : all_models()) {
     if (model->name == name) return *model;
     known.emplace_back(model->name);
   }
@@ -214,6 +218,17 @@ std::uint32_t CellModel::fingerprint(const std::vector<double>& values) const {
   add(name.data(), name.size());
   add(values.data(), values.size() * sizeof(double));
   return hash;
+}
+
+int CellModel::charge_invariant() const {
+  for (std::size_t k = 0; k < invariants.size(); ++k)
+    if (invariants[k].is_charge) return static_cast<int>(k);
+  return -1;
+}
+
+double CellModel::charge(const double* y, const double* p) const {
+  const int k = charge_invariant();
+  return k < 0 ? 0 : invariant_values(y, p)[static_cast<std::size_t>(k)];
 }
 
 std::vector<double> CellModel::default_state() const {

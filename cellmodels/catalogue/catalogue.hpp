@@ -1,15 +1,15 @@
-// The cell models, by name, behind one interface. A new model is one header and one line in catalogue.cpp.
+// The cell models, by name, behind one interface. How to add one: models/ionic_model.hpp.
 //
 // CellModel is for tools (command line, CVODE, tests, Python): one cell, plain arrays, a virtual call per
 // evaluation. Code that steps many cells uses the model templates and CellPopulation (population.hpp).
 #pragma once
 
 #include <cstdint>
-#include <limits>
 #include <memory>
 #include <span>
 #include <string_view>
 #include <vector>
+#include <wiggers/cellmodels/models/invariant.hpp>
 #include <wiggers/cellmodels/models/stimulus.hpp>
 #include <wiggers/cellmodels/schemes/voltage_table.hpp>
 #include <wiggers/core/adaptive.hpp>
@@ -33,8 +33,8 @@ class CellEquations {
   virtual void evaluate(const double* y, const double* inputs, double* rates, double* observables) const = 0;
   // Exact: jacobian[row + n * column] = d(rate_row)/d(y_column).
   virtual void jacobian(const double* y, const double* inputs, double* jacobian) const = 0;
-  // Rates of one side of the branch potential only, until told otherwise (see CellModel::branch_potential).
-  virtual void choose_side(bool below) = 0;
+  // Rates of one interval between branch potentials only (0: below the first), until told otherwise.
+  virtual void choose_interval(int interval) = 0;
 };
 
 class CellModel {
@@ -47,11 +47,15 @@ class CellModel {
   std::span<const bool> is_gate;
   int membrane_potential = -1;  // index of the state with this role, -1 if the model has none
   int cytosolic_calcium = -1;
-  double branch_potential = std::numeric_limits<double>::quiet_NaN();  // where rates jump, mV; NaN: nowhere
+  std::span<const double> branch_potentials;  // where rates jump, mV, ascending
+  bool has_voltage_table = false;             // functions of V that tables can stand in for
   StimulusPulse default_stimulus;
-  std::string_view invariant_meaning;  // empty: none
+  std::span<const Invariant> invariants;
+  std::string_view no_invariants;  // why there are none
 
   bool is_ionic() const { return membrane_potential >= 0; }
+  bool has_calcium() const { return cytosolic_calcium >= 0; }
+  int charge_invariant() const;  // index of the membrane charge among the invariants, -1: none
 
   // rates[i] = dy_i/dt per time_unit; observables may be null.
   virtual void evaluate(const double* y, const double* inputs, const double* parameters, double* rates,
@@ -72,16 +76,19 @@ class CellModel {
   std::vector<double> absolute_tolerances(double of_size_one) const;
 
   // What the model derives from its parameters once, as plain numbers; and one row of its table of functions
-  // of V for steps of h (voltage_table.hpp; empty for models without a membrane).
+  // of V for steps of h (voltage_table.hpp; empty for models without has_voltage_table).
   virtual std::vector<double> derived_constants(const double* parameters) const = 0;
   virtual std::vector<double> voltage_table_row(double V, double h, Decay decay,
                                                 const double* parameters) const = 0;
 
-  // The conserved quantity (charge of an ionic model). Whether it is conserved depends on the parameters.
-  virtual bool keeps_invariant(const double* parameters) const = 0;
-  virtual double invariant(const double* y, const double* parameters) const = 0;
-  // Moves the balancing ion so that the invariant has the given value.
-  virtual void hold_invariant(double* y, const double* parameters, double value) const = 0;
+  // What the equations keep. Whether they do depends on the parameters; a model without invariants keeps all.
+  virtual bool keeps_invariants(const double* parameters) const = 0;
+  virtual std::vector<double> invariant_values(const double* y, const double* parameters) const = 0;
+  // Moves the balancing states so that the invariants have the given values.
+  virtual void hold_invariants(double* y, const double* parameters,
+                               const std::vector<double>& values) const = 0;
+  // The membrane charge among them (mV); 0 if the model has none.
+  double charge(const double* y, const double* parameters) const;
 
   std::vector<double> default_state() const;
   // A number that tells parameter sets apart: saved with states, and compared when they are read.

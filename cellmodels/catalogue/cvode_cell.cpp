@@ -1,4 +1,4 @@
-#include <cmath>
+#include <algorithm>
 #include <wiggers/cellmodels/catalogue/adaptive_integrators.hpp>
 #include <wiggers/core/cvode.hpp>
 
@@ -12,7 +12,7 @@ class CvodeCell final : public AdaptiveIntegrator {
             const std::vector<double>& absolute)
       : n_(model.states.size()),
         potential_(model.membrane_potential),
-        branch_(model.branch_potential),
+        branches_(model.branch_potentials),
         equations_(model.equations(parameters)),
         solver_(system(), {relative, absolute}) {}
 
@@ -23,7 +23,8 @@ class CvodeCell final : public AdaptiveIntegrator {
     inputs_ = inputs;
     if (fresh_) {
       t_ = 0;
-      if (!std::isnan(branch_)) equations_->choose_side(y[potential_] < branch_);
+      equations_->choose_interval(static_cast<int>(
+          std::ranges::count_if(branches_, [&](double branch) { return y[potential_] >= branch; })));
       solver_.restart(t_, std::vector<double>(y, y + n_));
       fresh_ = false;
     }
@@ -45,17 +46,21 @@ class CvodeCell final : public AdaptiveIntegrator {
       equations_->evaluate(y, inputs_, dy, nullptr);
     };
     s.jacobian = [this](double, const double* y, double* j) { equations_->jacobian(y, inputs_, j); };
-    if (!std::isnan(branch_)) {
-      s.n_roots = 1;
-      s.roots = [this](double, const double* y, double* value) { value[0] = y[potential_] - branch_; };
-      s.on_root = [this](double, std::size_t, int direction) { equations_->choose_side(direction < 0); };
+    if (!branches_.empty()) {
+      s.n_roots = branches_.size();
+      s.roots = [this](double, const double* y, double* value) {
+        for (std::size_t k = 0; k < branches_.size(); ++k) value[k] = y[potential_] - branches_[k];
+      };
+      s.on_root = [this](double, std::size_t which, int direction) {
+        equations_->choose_interval(static_cast<int>(which) + (direction > 0 ? 1 : 0));
+      };
     }
     return s;
   }
 
   std::size_t n_;
   int potential_;
-  double branch_;
+  std::span<const double> branches_;
   std::unique_ptr<CellEquations> equations_;
   const double* inputs_ = nullptr;
   Cvode solver_;

@@ -23,7 +23,9 @@
 
 #include <array>
 #include <wiggers/cellmodels/models/facts.hpp>
+#include <wiggers/cellmodels/models/invariant.hpp>
 #include <wiggers/cellmodels/models/stimulus.hpp>
+#include <wiggers/core/enumerators.hpp>
 #include <wiggers/core/evaluation.hpp>
 #include <wiggers/core/numbers.hpp>
 
@@ -40,38 +42,29 @@ struct Crn {
   enum State { V, m, h, j, oa, oi, ua, ui, xr, xs, d, f, f_Ca, u, v, w, Na_i, Ca_i, K_i, Ca_rel, Ca_up };
   static constexpr std::array states = {
       facts::membrane_potential(-81.18),
-      facts::gate("m", 2.908e-3, "activation of i_Na"),
-      facts::gate("h", 0.9649, "fast inactivation of i_Na"),
-      facts::gate("j", 0.9775, "slow inactivation of i_Na"),
-      facts::gate("oa", 3.043e-2, "activation of i_to"),
-      facts::gate("oi", 0.9992, "inactivation of i_to"),
-      facts::gate("ua", 4.966e-3, "activation of i_Kur"),
-      facts::gate("ui", 0.9986, "inactivation of i_Kur"),
-      facts::gate("xr", 3.296e-5, "activation of i_Kr"),
-      facts::gate("xs", 1.869e-2, "activation of i_Ks"),
-      facts::gate("d", 1.367e-4, "activation of i_Ca_L"),
-      facts::gate("f", 0.9996, "voltage inactivation of i_Ca_L"),
+      facts::voltage_gate("m", 2.908e-3, "activation of i_Na"),
+      facts::voltage_gate("h", 0.9649, "fast inactivation of i_Na"),
+      facts::voltage_gate("j", 0.9775, "slow inactivation of i_Na"),
+      facts::voltage_gate("oa", 3.043e-2, "activation of i_to"),
+      facts::voltage_gate("oi", 0.9992, "inactivation of i_to"),
+      facts::voltage_gate("ua", 4.966e-3, "activation of i_Kur"),
+      facts::voltage_gate("ui", 0.9986, "inactivation of i_Kur"),
+      facts::voltage_gate("xr", 3.296e-5, "activation of i_Kr"),
+      facts::voltage_gate("xs", 1.869e-2, "activation of i_Ks"),
+      facts::voltage_gate("d", 1.367e-4, "activation of i_Ca_L"),
+      facts::voltage_gate("f", 0.9996, "voltage inactivation of i_Ca_L"),
       facts::gate("f_Ca", 0.7755, "calcium inactivation of i_Ca_L"),
       facts::gate("u", 2.35e-112, "activation of release"),
       facts::gate("v", 1, "flux inactivation of release"),
-      facts::gate("w", 0.9992, "voltage inactivation of release"),
+      facts::voltage_gate("w", 0.9992, "voltage inactivation of release"),
       facts::sodium_or_potassium("Na_i", 11.17, "intracellular sodium"),
-      facts::free_calcium("Ca_i", 1.013e-4, "free cytosolic calcium"),
-      facts::sodium_or_potassium("K_i", 139.0, "intracellular potassium"),
+      marked(Role::calcium, facts::free_calcium("Ca_i", 1.013e-4, "free cytosolic calcium")),
+      marked(Role::stimulus_ion, facts::sodium_or_potassium("K_i", 139.0, "intracellular potassium")),
       facts::stored_calcium("Ca_rel", 1.488, "free calcium of the release compartment"),
       facts::stored_calcium("Ca_up", 1.488, "calcium of the uptake compartment"),
   };
   static_assert(well_formed(states));
-  static constexpr std::array<bool, states.size()> is_gate = {false, true, true,  true,  true,  true,  true,
-                                                              true,  true, true,  true,  true,  true,  true,
-                                                              true,  true, false, false, false, false, false};
-  // Gates whose steady value and time constant are functions of V alone.
-  static constexpr std::array<bool, states.size()> is_voltage_gate = {
-      false, true,  true,  true,  true, true,  true,  true,  true,  true, true,
-      true,  false, false, false, true, false, false, false, false, false};
-  static constexpr int membrane_potential = V;
-  static constexpr int cytosolic_calcium = Ca_i;
-  static constexpr int balancing_ion = K_i;  // the invariant below is linear in it
+  static_assert(named_as<State>(states));
 
   enum Parameter {
     R,
@@ -155,13 +148,14 @@ struct Crn {
       facts::positive("K_m_TRPN", "mM", 0.0005, "half saturation of troponin"),
       facts::positive("K_m_CSQN", "mM", 0.8, "half saturation of calsequestrin"),
       Quantity{"K_Q10", "1", 3, 0.3, 30, "temperature factor of i_to and i_Kur kinetics"},
-      Quantity{"stimulus_K_fraction", "1", 1, 0, 1, "share of the stimulus charge carried by potassium"},
+      facts::stimulus_K_fraction,
   };
   static_assert(well_formed(parameters));
+  static_assert(named_as<Parameter>(parameters));
 
   enum Input { i_stim };
-  static constexpr std::array inputs = {
-      Quantity{"i_stim", "A/F", 0, -1000, 1000, "stimulus current, depolarising if negative"}};
+  static constexpr std::array inputs = {facts::stimulus};
+  static_assert(named_as<Input>(inputs));
 
   static constexpr std::array observables = {
       facts::output("i_Na", "A/F", "fast sodium current"),
@@ -191,15 +185,13 @@ struct Crn {
                    1},
   };
 
-  // The rates of the gates h and j jump here. Integrators that look ahead keep to one side over a step and
-  // stop at the crossing: they set the derived constant rate_branch beyond reach meanwhile.
-  static constexpr double branch_potential = -40.0;
+  static constexpr std::array branch_potentials = {-40.0};  // of the rates of h and j
 
   // Constants that follow from the parameters, computed once, not once a step.
   template <class P>
   struct Constants {
     P p[parameters.size()];
-    P rate_branch;
+    P branch[branch_potentials.size()];
     P FRT, RTF, half_RTF, E_Na_outside, E_K_outside, E_Ca_outside, V_i, V_up, V_rel, charge_to_concentration,
         sigma, pump, exchanger, Na_o_cubed;
   };
@@ -207,7 +199,7 @@ struct Crn {
   static Constants<P> constants(const P* parameter) {
     Constants<P> c;
     for (std::size_t i = 0; i < parameters.size(); ++i) c.p[i] = parameter[i];
-    c.rate_branch = branch_potential;
+    c.branch[0] = branch_potentials[0];
     c.RTF = c.p[R] * c.p[T] / c.p[F];
     c.FRT = 1.0 / c.RTF;
     c.half_RTF = 0.5 * c.RTF;
@@ -239,7 +231,7 @@ struct Crn {
     const N m_a = 3.2 * x_over_one_minus_exp(N(0.1 * (Vm + 47.13)));
     const N m_b = 0.08 * exp(N(Vm * (-1.0 / 11.0)));
     gate(m, m_a / (m_a + m_b), 1.0 / (m_a + m_b));
-    const auto lower_branch = Vm < c.rate_branch;
+    const auto lower_branch = Vm < c.branch[0];
     const N zero(0.0);
     const N h_a = select(lower_branch, N(0.135 * exp(N((Vm + 80.0) / -6.8))), zero);
     const N h_b = select(lower_branch, N(3.56 * exp(N(0.079 * Vm)) + 3.1e5 * exp(N(0.35 * Vm))),
@@ -376,26 +368,24 @@ struct Crn {
     return evaluate_in_parts<Crn, N>(y, in, c);
   }
 
-  // Charge balance, in mV: the model keeps it exactly, with and without stimulus, if K+ carries the stimulus.
-  static constexpr std::string_view invariant_meaning =
-      "membrane charge minus the ions' charge, over capacitance";
+  // The charge is kept exactly, with and without stimulus, if K+ carries the stimulus.
+  static constexpr std::array invariants = {membrane_charge(K_i)};
   template <class P>
-  static bool keeps_invariant(const P* parameter) {
+  static bool keeps_invariants(const P* parameter) {
     return parameter[stimulus_K_fraction] == 1.0;
   }
   template <class N, class P>
-  static N invariant(const N* y, const Constants<P>& c) {
+  static std::array<N, 1> invariant_values(const N* y, const Constants<P>& c) {
     const auto& p = c.p;
     const N Ca_total = y[Ca_i] + p[TRPN_max] * y[Ca_i] / (y[Ca_i] + p[K_m_TRPN]) +
                        p[CMDN_max] * y[Ca_i] / (y[Ca_i] + p[K_m_CMDN]);
     const N Ca_rel_total = y[Ca_rel] + p[CSQN_max] * y[Ca_rel] / (y[Ca_rel] + p[K_m_CSQN]);
-    return y[V] - (p[F] / p[Cm]) * (c.V_i * (y[Na_i] + y[K_i] + 2.0 * Ca_total) +
-                                    2.0 * c.V_rel * Ca_rel_total + 2.0 * c.V_up * y[Ca_up]);
+    return {N(y[V] - (p[F] / p[Cm]) * (c.V_i * (y[Na_i] + y[K_i] + 2.0 * Ca_total) +
+                                       2.0 * c.V_rel * Ca_rel_total + 2.0 * c.V_up * y[Ca_up]))};
   }
-  // d(invariant) / d(balancing ion)
   template <class P>
-  static P invariant_slope(const Constants<P>& c) {
-    return -c.p[F] / c.p[Cm] * c.V_i;
+  static std::array<P, 1> invariant_slopes(const Constants<P>& c) {
+    return {P(-c.p[F] / c.p[Cm] * c.V_i)};
   }
 };
 

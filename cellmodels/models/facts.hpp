@@ -7,12 +7,19 @@
 
 namespace wiggers::facts {
 
-// A Hodgkin-Huxley gate or a probability.
-constexpr Quantity gate(std::string_view name, double start, std::string_view meaning) {
+// A probability, or a gate with a rate equation of its own.
+constexpr Quantity probability(std::string_view name, double start, std::string_view meaning) {
   return {name, "1", start, 0, 1, meaning};
 }
+// A Hodgkin-Huxley gate; and one whose steady value and time constant are functions of the potential alone.
+constexpr Quantity gate(std::string_view name, double start, std::string_view meaning) {
+  return marked(Role::gate, probability(name, start, meaning));
+}
+constexpr Quantity voltage_gate(std::string_view name, double start, std::string_view meaning) {
+  return marked(Role::voltage_gate, probability(name, start, meaning));
+}
 constexpr Quantity membrane_potential(double start) {
-  return {"V", "mV", start, -150, 150, "membrane potential"};
+  return {"V", "mV", start, -150, 150, "membrane potential", Role::potential};
 }
 // Concentrations within a cell. Their ranges also bound what integrators may pass through: where pumps are
 // blocked sodium and potassium come to those of the surroundings, and calcium does in cytosol and dyads.
@@ -66,6 +73,11 @@ constexpr Quantity positive(std::string_view name, std::string_view unit, double
                             std::string_view meaning) {
   return {name, unit, value, value / 10, value * 10, meaning};
 }
+inline constexpr Quantity stimulus_K_fraction{
+    "stimulus_K_fraction", "1", 1, 0, 1, "share of the stimulus charge carried by potassium",
+    Role::stimulus_share};
+inline constexpr Quantity stimulus{
+    "i_stim", "A/F", 0, -1000, 1000, "stimulus current, depolarising if negative", Role::stimulus};
 constexpr Quantity output(std::string_view name, std::string_view unit, std::string_view meaning) {
   return {name, unit, 0, -unbounded, unbounded, meaning};
 }

@@ -20,6 +20,8 @@
 
 #include <array>
 #include <wiggers/cellmodels/models/facts.hpp>
+#include <wiggers/cellmodels/models/invariant.hpp>
+#include <wiggers/core/enumerators.hpp>
 #include <wiggers/core/evaluation.hpp>
 #include <wiggers/core/numbers.hpp>
 
@@ -68,7 +70,7 @@ struct Rdq20 {
       facts::moment("mu1_N", "their mean elongation times number"),
   };
   static_assert(well_formed(states));
-  static constexpr std::array<bool, states.size()> is_gate = {};
+  static_assert(named_as<State, mu0_P>(states));
 
   enum Parameter {
     LA,
@@ -108,6 +110,7 @@ struct Rdq20 {
       Quantity{"a_XB", "kPa", 22.894e3, 0, 2e7, "tension per unit of first moment"},
   };
   static_assert(well_formed(parameters));
+  static_assert(named_as<Parameter>(parameters));
 
   enum Input { Ca, SL, dSL_dt };
   static constexpr std::array inputs = {
@@ -115,6 +118,7 @@ struct Rdq20 {
       Quantity{"SL", "um", 2.2, 0.5, 4, "sarcomere length"},
       Quantity{"dSL/dt", "um/s", 0, -100, 100, "rate of sarcomere length, shortening negative"},
   };
+  static_assert(named_as<Input>(inputs));
 
   enum Observable { permissivity, Ta, Ka };
   static constexpr std::array observables = {
@@ -123,6 +127,7 @@ struct Rdq20 {
       facts::output("Ka", "kPa",
                     "active stiffness: change of tension with strain SL/SL0 at attached crossbridges"),
   };
+  static_assert(named_as<Observable>(observables));
 
   static constexpr ParameterChange rat[] = {{"Kd0", 0.835}, {"alphaKd", -1.258}, {"Koff", 120},
                                             {"Kbasic", 24}, {"mu0_fP", 32.708},  {"mu1_fP", 0.779}};
@@ -337,6 +342,23 @@ struct Rdq20 {
     const N overlapped = p[a_XB] * overlap(in[SL], p);
     e.observable = {ru.permissivity, overlapped * (y[mu1_P] + y[mu1_N]), overlapped * (y[mu0_P] + y[mu0_N])};
     return e;
+  }
+
+  static constexpr std::array invariants = {
+      Invariant{"probability", "1", "sum of the triplets' probabilities", 0}};
+  template <class Pn>
+  static bool keeps_invariants(const Pn*) {
+    return true;
+  }
+  template <class N, class Pn>
+  static std::array<N, 1> invariant_values(const N* y, const Constants<Pn>&) {
+    N sum(0.0);
+    for (int i = 0; i < n_probabilities; ++i) sum = sum + y[i];
+    return {sum};
+  }
+  template <class Pn>
+  static std::array<Pn, 1> invariant_slopes(const Constants<Pn>&) {
+    return {Pn(1.0)};
   }
 };
 

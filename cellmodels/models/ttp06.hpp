@@ -21,7 +21,9 @@
 
 #include <array>
 #include <wiggers/cellmodels/models/facts.hpp>
+#include <wiggers/cellmodels/models/invariant.hpp>
 #include <wiggers/cellmodels/models/stimulus.hpp>
+#include <wiggers/core/enumerators.hpp>
 #include <wiggers/core/evaluation.hpp>
 #include <wiggers/core/numbers.hpp>
 
@@ -37,6 +39,8 @@ constexpr double by_type(double in_endo, double in_mid, double in_epi) {
 
 template <Ttp06Type type>
 struct Ttp06 {
+  // The midmyocardial cell differs from the epicardial by numbers alone: they share their kernels.
+  using SameEquations = Ttp06<type == Ttp06Type::mid ? Ttp06Type::epi : type>;
   static constexpr bool endo = type == Ttp06Type::endo;
   static constexpr std::string_view name = type == Ttp06Type::endo  ? "ttp06-endo"
                                            : type == Ttp06Type::mid ? "ttp06-mid"
@@ -53,39 +57,32 @@ struct Ttp06 {
   enum State { V, Xr1, Xr2, Xs, m, h, j, d, f, f2, fCass, s, r, Ca_i, Ca_SR, Ca_ss, R_prime, Na_i, K_i };
   static constexpr std::array states = {
       facts::membrane_potential(by_type<type>(-86.709, -85.423, -85.23)),
-      facts::gate("Xr1", by_type<type>(0.00448, 0.0165, 0.00621), "activation of i_Kr"),
-      facts::gate("Xr2", by_type<type>(0.476, 0.473, 0.4712), "inactivation of i_Kr"),
-      facts::gate("Xs", by_type<type>(0.0087, 0.0174, 0.0095), "activation of i_Ks"),
-      facts::gate("m", by_type<type>(0.00155, 0.00165, 0.00172), "activation of i_Na"),
-      facts::gate("h", by_type<type>(0.7573, 0.749, 0.7444), "fast inactivation of i_Na"),
-      facts::gate("j", by_type<type>(0.7225, 0.6788, 0.7045), "slow inactivation of i_Na"),
-      facts::gate("d", by_type<type>(3.164e-5, 3.288e-5, 3.373e-5), "activation of i_CaL"),
-      facts::gate("f", by_type<type>(0.8009, 0.7026, 0.7888), "slow voltage inactivation of i_CaL"),
-      facts::gate("f2", by_type<type>(0.9778, 0.9526, 0.9755), "fast voltage inactivation of i_CaL"),
+      facts::voltage_gate("Xr1", by_type<type>(0.00448, 0.0165, 0.00621), "activation of i_Kr"),
+      facts::voltage_gate("Xr2", by_type<type>(0.476, 0.473, 0.4712), "inactivation of i_Kr"),
+      facts::voltage_gate("Xs", by_type<type>(0.0087, 0.0174, 0.0095), "activation of i_Ks"),
+      facts::voltage_gate("m", by_type<type>(0.00155, 0.00165, 0.00172), "activation of i_Na"),
+      facts::voltage_gate("h", by_type<type>(0.7573, 0.749, 0.7444), "fast inactivation of i_Na"),
+      facts::voltage_gate("j", by_type<type>(0.7225, 0.6788, 0.7045), "slow inactivation of i_Na"),
+      facts::voltage_gate("d", by_type<type>(3.164e-5, 3.288e-5, 3.373e-5), "activation of i_CaL"),
+      facts::voltage_gate("f", by_type<type>(0.8009, 0.7026, 0.7888), "slow voltage inactivation of i_CaL"),
+      facts::voltage_gate("f2", by_type<type>(0.9778, 0.9526, 0.9755), "fast voltage inactivation of i_CaL"),
       facts::gate("fCass", by_type<type>(0.9953, 0.9942, 0.9953), "subspace calcium inactivation of i_CaL"),
-      facts::gate("s", by_type<type>(0.3212, 0.999998, 0.999998), "inactivation of i_to"),
-      facts::gate("r", by_type<type>(2.235e-8, 2.347e-8, 2.42e-8), "activation of i_to"),
-      facts::free_calcium("Ca_i", by_type<type>(0.00013, 0.000153, 0.000126), "free cytosolic calcium"),
+      facts::voltage_gate("s", by_type<type>(0.3212, 0.999998, 0.999998), "inactivation of i_to"),
+      facts::voltage_gate("r", by_type<type>(2.235e-8, 2.347e-8, 2.42e-8), "activation of i_to"),
+      marked(Role::calcium, facts::free_calcium("Ca_i", by_type<type>(0.00013, 0.000153, 0.000126),
+                                                "free cytosolic calcium")),
       facts::stored_calcium("Ca_SR", by_type<type>(3.715, 4.272, 3.64),
                             "free calcium of the sarcoplasmic reticulum"),
       facts::free_calcium("Ca_ss", by_type<type>(0.00036, 0.00042, 0.00036),
                           "free calcium of the dyadic subspace"),
-      facts::gate("R_prime", by_type<type>(0.9068, 0.8978, 0.9073), "release channels not inactivated"),
+      facts::probability("R_prime", by_type<type>(0.9068, 0.8978, 0.9073),
+                         "release channels not inactivated"),
       facts::sodium_or_potassium("Na_i", by_type<type>(10.355, 10.132, 8.604), "intracellular sodium"),
-      facts::sodium_or_potassium("K_i", by_type<type>(138.4, 138.52, 136.89), "intracellular potassium"),
+      marked(Role::stimulus_ion, facts::sodium_or_potassium("K_i", by_type<type>(138.4, 138.52, 136.89),
+                                                            "intracellular potassium")),
   };
   static_assert(well_formed(states));
-  // R_prime has a calcium-dependent rate equation, not the gate form; it is stepped like a concentration.
-  static constexpr std::array<bool, states.size()> is_gate = {false, true,  true,  true,  true, true, true,
-                                                              true,  true,  true,  true,  true, true, false,
-                                                              false, false, false, false, false};
-  // Gates whose steady value and time constant are functions of V alone.
-  static constexpr std::array<bool, states.size()> is_voltage_gate = {
-      false, true, true, true,  true,  true,  true,  true,  true, true,
-      false, true, true, false, false, false, false, false, false};
-  static constexpr int membrane_potential = V;
-  static constexpr int cytosolic_calcium = Ca_i;
-  static constexpr int balancing_ion = K_i;
+  static_assert(named_as<State>(states));
 
   enum Parameter {
     R,
@@ -199,13 +196,14 @@ struct Ttp06 {
       Quantity{"f2_centre", "mV", 27, -100, 100, "tau_f2: minus the centre of its bell curve"},
       facts::positive("f2_width", "mV^2", 240, "tau_f2: width of its bell curve"),
       facts::positive("f2_slow", "ms", 80, "tau_f2: contribution at negative potentials"),
-      Quantity{"stimulus_K_fraction", "1", 1, 0, 1, "share of the stimulus charge carried by potassium"},
+      facts::stimulus_K_fraction,
   };
   static_assert(well_formed(parameters));
+  static_assert(named_as<Parameter>(parameters));
 
   enum Input { i_stim };
-  static constexpr std::array inputs = {
-      Quantity{"i_stim", "A/F", 0, -1000, 1000, "stimulus current, depolarising if negative"}};
+  static constexpr std::array inputs = {facts::stimulus};
+  static_assert(named_as<Input>(inputs));
 
   static constexpr std::array observables = {
       facts::output("i_Na", "A/F", "fast sodium current"),
@@ -235,14 +233,12 @@ struct Ttp06 {
                    "1", tau_f2_authors, 4},
   };
 
-  // The rates of the gates h and j jump here. Integrators that look ahead keep to one side over a step and
-  // stop at the crossing: they set the derived constant rate_branch beyond reach meanwhile.
-  static constexpr double branch_potential = -40.0;
+  static constexpr std::array branch_potentials = {-40.0};  // of the rates of h and j
 
   template <class P>
   struct Constants {
     P p[parameters.size()];
-    P rate_branch;
+    P branch[branch_potentials.size()];
     P RTF, half_RTF, FRT, charge_to_concentration, calcium_charge, subspace_charge, pump, exchanger,
         Na_o_cubed;
     P E_Na_outside, E_K_outside, E_Ca_outside, E_Ks_outside;  // reversal potentials at 1 mM inside
@@ -253,7 +249,7 @@ struct Ttp06 {
   static Constants<P> constants(const P* parameter) {
     Constants<P> c;
     for (std::size_t i = 0; i < parameters.size(); ++i) c.p[i] = parameter[i];
-    c.rate_branch = branch_potential;
+    c.branch[0] = branch_potentials[0];
     c.RTF = c.p[R] * c.p[T] / c.p[F];
     c.FRT = 1.0 / c.RTF;
     c.charge_to_concentration = c.p[Cm] / (c.p[V_c] * c.p[F]);
@@ -304,7 +300,7 @@ struct Ttp06 {
     gate(m, square(logistic(N((Vm + 56.86) / 9.03))),
          opens(e5, -60.0 / 5.0) * (0.1 * closes(e5, -35.0 / 5.0) + 0.1 * logistic(N((Vm - 50.0) / -200.0))));
     const N hj_steady = square(logistic(N((Vm + 71.55) / -7.43)));
-    const auto lower_branch = Vm < c.rate_branch;
+    const auto lower_branch = Vm < c.branch[0];
     const N zero(0.0);
     const N h_a = select(lower_branch, N(0.057 * exp(N((Vm + 80.0) / -6.8))), zero);
     const N h_b = select(lower_branch, N(2.7 * exp(N(0.079 * Vm)) + 3.1e5 * exp(N(0.3485 * Vm))),
@@ -439,26 +435,26 @@ struct Ttp06 {
     return evaluate_in_parts<Ttp06, N>(y, in, c);
   }
 
-  // Charge balance, in mV: an exact invariant, with and without stimulus, if K+ carries the stimulus.
-  static constexpr std::string_view invariant_meaning =
-      "membrane charge minus the ions' charge, over capacitance";
+  // The charge is kept exactly, with and without stimulus, if K+ carries the stimulus.
+  static constexpr std::array invariants = {membrane_charge(K_i)};
   template <class P>
-  static bool keeps_invariant(const P* parameter) {
+  static bool keeps_invariants(const P* parameter) {
     return parameter[stimulus_K_fraction] == 1.0;
   }
   template <class N, class P>
-  static N invariant(const N* y, const Constants<P>& c) {
+  static std::array<N, 1> invariant_values(const N* y, const Constants<P>& c) {
     const auto& p = c.p;
     const auto total = [](const N& calcium, const P& buffer, const P& half) {
       return N(calcium + buffer * calcium / (calcium + half));
     };
-    return y[V] - (p[F] / p[Cm]) * (p[V_c] * (y[Na_i] + y[K_i] + 2.0 * total(y[Ca_i], p[Buf_c], p[K_buf_c])) +
-                                    2.0 * p[V_sr] * total(y[Ca_SR], p[Buf_sr], p[K_buf_sr]) +
-                                    2.0 * p[V_ss] * total(y[Ca_ss], p[Buf_ss], p[K_buf_ss]));
+    return {
+        N(y[V] - (p[F] / p[Cm]) * (p[V_c] * (y[Na_i] + y[K_i] + 2.0 * total(y[Ca_i], p[Buf_c], p[K_buf_c])) +
+                                   2.0 * p[V_sr] * total(y[Ca_SR], p[Buf_sr], p[K_buf_sr]) +
+                                   2.0 * p[V_ss] * total(y[Ca_ss], p[Buf_ss], p[K_buf_ss])))};
   }
   template <class P>
-  static P invariant_slope(const Constants<P>& c) {
-    return -c.p[F] / c.p[Cm] * c.p[V_c];
+  static std::array<P, 1> invariant_slopes(const Constants<P>& c) {
+    return {P(-c.p[F] / c.p[Cm] * c.p[V_c])};
   }
 };
 

@@ -13,11 +13,19 @@ std::optional<double> upward_crossing(const std::vector<double>& t, const std::v
   return {};
 }
 
-std::string words_of_beats(const std::vector<std::pair<double, double>>& peaks) {
-  std::string text = fmt::format("The cell repeats itself every {} beats: peaks of", peaks.size());
-  for (std::size_t k = 0; k < peaks.size(); ++k)
-    text +=
-        fmt::format("{} {:.3g} mV and {:.4g} uM calcium", k == 0 ? "" : ",", peaks[k].first, peaks[k].second);
+BeatPeaks peaks_of(const std::vector<double>& potential_mV, const std::vector<double>& calcium_mM) {
+  BeatPeaks peaks{*std::max_element(potential_mV.begin(), potential_mV.end()), {}};
+  if (!calcium_mM.empty())
+    peaks.calcium_uM = units::uM_per_mM * *std::max_element(calcium_mM.begin(), calcium_mM.end());
+  return peaks;
+}
+
+std::string words_of_beats(const std::vector<BeatPeaks>& beats) {
+  std::string text = fmt::format("The cell repeats itself every {} beats: peaks of", beats.size());
+  for (std::size_t k = 0; k < beats.size(); ++k) {
+    text += fmt::format("{} {:.3g} mV", k == 0 ? "" : ",", beats[k].potential_mV);
+    if (beats[k].calcium_uM) text += fmt::format(" and {:.4g} uM calcium", *beats[k].calcium_uM);
+  }
   return text + ".";
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <optional>
 #include <string>
 #include <vector>
 #include <wiggers/cellmodels/pacing/action_potential.hpp>
@@ -61,6 +62,7 @@ void visit_features(const std::vector<T>& t, const std::vector<T>& V, const std:
     for (std::size_t k = steep; k < steep + 2; ++k)
       if (std::abs(value_of(t[k]) - kink) < 1e-9 * value_of(t.back())) steepest = slope[steep];
   visit("dVdt_max_mV_per_ms", "mV/ms", steepest);
+  if (calcium_mM.empty()) return;  // of a model without calcium
   parabola_vertex(t, calcium_mM, at(calcium_mM, more), low);
   const T when = parabola_vertex(t, calcium_mM, at(calcium_mM, less), high);
   visit("calcium_diastolic_uM", "uM", T(units::uM_per_mM * low));
@@ -69,8 +71,13 @@ void visit_features(const std::vector<T>& t, const std::vector<T>& V, const std:
   visit("calcium_time_to_peak_ms", "ms", when);
 }
 
-// What the beats of a cycle of several do, in words: peaks[k] are the highest potential (mV) and calcium (uM)
-// of beat k.
-std::string words_of_beats(const std::vector<std::pair<double, double>>& peaks);
+// The highest potential and calcium of a beat, from its rows.
+struct BeatPeaks {
+  double potential_mV = 0;
+  std::optional<double> calcium_uM;  // nothing of a model without calcium
+};
+BeatPeaks peaks_of(const std::vector<double>& potential_mV, const std::vector<double>& calcium_mM);
+// What the beats of a cycle of several do, in words.
+std::string words_of_beats(const std::vector<BeatPeaks>& beats);
 
 }  // namespace wiggers

@@ -12,7 +12,7 @@ bool share_pacing(std::span<const CellStudy> studies) {
   for (const CellStudy& s : studies) {
     const CellStudy& first = studies.front();
     const StimulusPulse &a = s.protocol.stimulus, &b = first.protocol.stimulus;
-    if (!s.model->keeps_invariant(s.parameters.data()) || s.model != first.model ||
+    if (!s.model->keeps_invariants(s.parameters.data()) || s.model != first.model ||
         s.integrator != first.integrator || s.dt_ms != first.dt_ms ||
         s.protocol.period_ms != first.protocol.period_ms || a.amplitude_A_per_F != b.amplitude_A_per_F ||
         a.duration_ms != b.duration_ms || a.onset_ms != b.onset_ms)

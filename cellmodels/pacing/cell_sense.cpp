@@ -32,7 +32,8 @@ CellSense::CellSense(const CellModel& model) : model_(model) {
 
 void CellSense::see(double t_ms, const double* y) {
   rows_end_ms_ = t_ms;
-  calcium_low_ = std::min(calcium_low_, units::uM_per_mM * y[model_.cytosolic_calcium]);
+  if (model_.has_calcium())
+    calcium_low_ = std::min(calcium_low_, units::uM_per_mM * y[model_.cytosolic_calcium]);
   // The quantity that left its bounds first, where it is farthest outside.
   for (const Watched& w : watched_) {
     if (found_ >= 0 && found_ != w.state) continue;
@@ -47,7 +48,7 @@ void CellSense::see(double t_ms, const double* y) {
 
 std::string CellSense::finding() const {
   const Quantity& q = facts::living_diastolic_calcium;
-  if (finding_.empty() && rows_end_ms_ > 0 && calcium_low_ > q.upper)
+  if (finding_.empty() && model_.has_calcium() && rows_end_ms_ > 0 && calcium_low_ > q.upper)
     return sentence(q, calcium_low_, "all through the beat");
   return finding_;
 }
@@ -62,10 +63,10 @@ void require_saved_state(const CellModel& model, const std::vector<double>& para
     wide.upper += slack;
     check_range(wide, state[i], place);
   }
-  if (!model.keeps_invariant(parameters.data())) return;
+  if (!model.keeps_invariants(parameters.data())) return;
   const std::vector<double> published = model.default_state();
-  const double wanted = model.invariant(published.data(), parameters.data()) + charge_offset_mV;
-  const double found = model.invariant(state.data(), parameters.data());
+  const double wanted = model.charge(published.data(), parameters.data()) + charge_offset_mV;
+  const double found = model.charge(state.data(), parameters.data());
   if (!(std::abs(found - wanted) <= saved_charge_tolerance * std::max(1.0, std::abs(wanted))))
     throw InputError(fmt::format("{}: its conserved charge is {:.9g} mV, that of these cells is {:.9g} mV",
                                  place, found, wanted));

@@ -1,8 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <wiggers/cellmodels/models/crn.hpp>
-#include <wiggers/cellmodels/models/ttp06.hpp>
+#include <wiggers/cellmodels/models/ionic_models.hpp>
 #include <wiggers/cellmodels/pacing/beat_features.hpp>
 #include <wiggers/cellmodels/pacing/cell_sense.hpp>
 #include <wiggers/cellmodels/pacing/cell_study.hpp>
@@ -21,13 +20,14 @@ constexpr int n_protocol = 4;  // period, amplitude, duration, charge
 
 // Calls work<Model>() for the study's model.
 template <class Work>
-auto with_model(const CellStudy& study, Work work) {
-  const std::string_view name = study.model->name;
-  if (name == Crn::name) return work.template operator()<Crn>();
-  if (name == Ttp06<Ttp06Type::endo>::name) return work.template operator()<Ttp06<Ttp06Type::endo>>();
-  if (name == Ttp06<Ttp06Type::mid>::name) return work.template operator()<Ttp06<Ttp06Type::mid>>();
-  if (name == Ttp06<Ttp06Type::epi>::name) return work.template operator()<Ttp06<Ttp06Type::epi>>();
-  throw InputError(fmt::format("{} is no paced cell", name));
+void with_model(const CellStudy& study, Work work) {
+  bool found = false;
+  IonicModels::each([&]<class Model>() {
+    if (study.model->name != Model::name) return;
+    found = true;
+    work.template operator()<Model>();
+  });
+  if (!found) throw InputError(fmt::format("{} is no paced cell", study.model->name));
 }
 
 bool is_second_order(const CellStudy& study) {
@@ -46,10 +46,14 @@ PacedBeat<Model, T> beat_at(const CellStudy& study, const std::vector<T>& values
   in.period_ms = values[n];
   in.amplitude_A_per_F = values[n + 1];
   in.duration_ms = values[n + 2];
-  const auto constants = Model::constants(in.parameters.data());
-  std::array<T, Model::states.size()> published;
-  for (std::size_t i = 0; i < published.size(); ++i) published[i] = Model::states[i].default_value;
-  in.charge_mV = Model::invariant(published.data(), constants) + values[n + 3];
+  if constexpr (HasInvariants<Model>) {
+    std::array<T, Model::states.size()> published;
+    for (std::size_t i = 0; i < published.size(); ++i) published[i] = Model::states[i].default_value;
+    const auto held = Model::invariant_values(published.data(), Model::constants(in.parameters.data()));
+    in.invariants.assign(held.begin(), held.end());
+    for (std::size_t k = 0; k < held.size(); ++k)
+      if (Model::invariants[k].is_charge) in.invariants[k] += values[n + 3];
+  }
   return {std::move(in), study.protocol.stimulus.onset_ms, study.dt_ms, is_second_order(study)};
 }
 
@@ -68,8 +72,8 @@ std::string beat_indexes(const PacedBeat<Model, T>& beat, std::vector<T> state, 
   std::vector<T> t, V, calcium;
   beat.run(state.data(), [&](const T& time, const T* y) {
     t.push_back(time);
-    V.push_back(y[Model::membrane_potential]);
-    calcium.push_back(y[Model::cytosolic_calcium]);
+    V.push_back(y[potential_of<Model>]);
+    if constexpr (calcium_of<Model> >= 0) calcium.push_back(y[calcium_of<Model>]);
     on_row(time, y);
   });
   visit_features(t, V, calcium, beat.stimulus_edges(), visit);
@@ -78,25 +82,22 @@ std::string beat_indexes(const PacedBeat<Model, T>& beat, std::vector<T> state, 
   return no_action_potential(V);
 }
 
-void require_charge_kept(const CellStudy& study) {
-  if (!study.model->keeps_invariant(study.parameters.data()))
-    throw InputError(fmt::format("{}: a limit cycle needs stimulus_K_fraction = 1", study.model->name));
-}
-
 FixedPointDerivatives cycle_derivatives(const CellStudy& study, const std::vector<double>& on_cycle,
                                         const std::vector<double>& values,
                                         const std::function<void(double)>& after_pass, double share) {
-  require_charge_kept(study);
+  require_limit_cycle(*study.model, study.parameters);
   const double passes = std::ceil(static_cast<double>(on_cycle.size() + values.size()) / tangent_lanes);
   double done = 0;
-  return with_model(study, [&]<class Model>() {
-    return fixed_point_derivatives(
+  FixedPointDerivatives derivatives;
+  with_model(study, [&]<class Model>() {
+    derivatives = fixed_point_derivatives(
         on_cycle, values, [&](std::vector<Tangent> state, const std::vector<Tangent>& parameter) {
           beat_at<Model, Tangent>(study, parameter).run(state.data(), [](const Tangent&, const Tangent*) {});
           if (after_pass) after_pass(share * ++done / passes);
           return state;
         });
   });
+  return derivatives;
 }
 
 }  // namespace
@@ -159,8 +160,10 @@ void set_cell_study_parameter(CellStudy& study, std::string_view name, double va
 void hold_charge(const CellStudy& study, std::vector<double>& state) {
   const std::vector<double> published = study.model->default_state();
   const double* p = study.parameters.data();
-  study.model->hold_invariant(state.data(), p,
-                              study.model->invariant(published.data(), p) + study.charge_offset_mV);
+  std::vector<double> held = study.model->invariant_values(published.data(), p);
+  if (const int charge = study.model->charge_invariant(); charge >= 0)
+    held[static_cast<std::size_t>(charge)] += study.charge_offset_mV;
+  study.model->hold_invariants(state.data(), p, held);
 }
 
 std::vector<double> start_of(const CellStudy& study) {
@@ -172,7 +175,7 @@ std::vector<double> start_of(const CellStudy& study) {
 LimitCycleCertificate to_limit_cycle(const CellStudy& study, std::vector<double>& state,
                                      LimitCycleSettings settings,
                                      const std::function<void(const LimitCycleCertificate&)>& after_beat) {
-  require_charge_kept(study);
+  require_limit_cycle(*study.model, study.parameters);
   hold_charge(study, state);
   const PacedCell cell(*study.model, study.parameters, study.protocol,
                        {study.integrator, 1e-8, 1e-10, study.dt_ms});
@@ -191,15 +194,14 @@ LimitCycleCertificate to_limit_cycle(const CellStudy& study, std::vector<double>
   });
   LimitCycleCertificate certificate = find_limit_cycle(map, settings, state, after_beat);
   if (certificate.verdict == LimitCycleVerdict::period_n) {
-    std::vector<std::pair<double, double>> peaks;
+    std::vector<BeatPeaks> beats_of_cycle;
     std::vector<double> y = state;
     for (int k = 0; k < certificate.period; ++k) {
       const PacedRows rows = paced_rows(study, y);
-      peaks.push_back({*std::max_element(rows.potential_mV.begin(), rows.potential_mV.end()),
-                       units::uM_per_mM * *std::max_element(rows.calcium_mM.begin(), rows.calcium_mM.end())});
+      beats_of_cycle.push_back(peaks_of(rows.potential_mV, rows.calcium_mM));
       y = map.beat(y);
     }
-    certificate.reason = words_of_beats(peaks);
+    certificate.reason = words_of_beats(beats_of_cycle);
   }
   if (certificate.is_cycle()) judge_cell(certificate, unphysical_beats(study, state, certificate.period));
   return certificate;
@@ -216,28 +218,31 @@ std::string unphysical_beats(const CellStudy& study, std::vector<double> state, 
 }
 
 FixedPointDerivatives newton_at(const CellStudy& study, std::vector<double> state) {
-  require_charge_kept(study);
+  require_limit_cycle(*study.model, study.parameters);
   hold_charge(study, state);
   const std::vector<double> values = values_of(study);
-  return with_model(study, [&]<class Model>() {
-    return fixed_point_derivatives(state, {}, [&](std::vector<Tangent> x, const std::vector<Tangent>&) {
+  FixedPointDerivatives newton;
+  with_model(study, [&]<class Model>() {
+    newton = fixed_point_derivatives(state, {}, [&](std::vector<Tangent> x, const std::vector<Tangent>&) {
       beat_at<Model, Tangent>(study, {values.begin(), values.end()})
           .run(x.data(), [](const Tangent&, const Tangent*) {});
       return x;
     });
   });
+  return newton;
 }
 
 std::vector<double> refined_limit_cycle(const CellStudy& study, std::vector<double> state,
                                         const FixedPointDerivatives& newton) {
   hold_charge(study, state);
-  return with_model(study, [&]<class Model>() {
+  with_model(study, [&]<class Model>() {
     const auto beat = beat_at<Model, double>(study, values_of(study));
-    return refined_fixed_point(state, newton, [&](std::vector<double> x) {
+    state = refined_fixed_point(state, newton, [&](std::vector<double> x) {
       beat.run(x.data(), [](double, const double*) {});
       return x;
     });
   });
+  return state;
 }
 
 std::vector<NamedValue> cell_indexes(const CellStudy& study, const std::vector<double>& start,
@@ -281,8 +286,8 @@ Sensitivities cell_sensitivities(const CellStudy& study, const std::vector<doubl
   }
   for (int i = 0; i < moves.rows(); ++i)
     for (int j = 0; j < m; ++j) table.state_derivatives.push_back(moves(i, j));
-  const auto fraction = std::find(table.parameters.begin(), table.parameters.end(), "stimulus_K_fraction");
-  table.leave_out(static_cast<std::size_t>(fraction - table.parameters.begin()));
+  for (std::size_t k = study.model->parameters.size(); k-- > 0;)
+    if (study.model->parameters[k].role == Role::stimulus_share) table.leave_out(k);
   return table;
 }
 
@@ -292,8 +297,8 @@ PacedRows paced_rows(const CellStudy& study, const std::vector<double>& start) {
   with_model(study, [&]<class Model>() {
     beat_at<Model, double>(study, values_of(study)).run(state.data(), [&](double t, const double* y) {
       rows.t_ms.push_back(t);
-      rows.calcium_mM.push_back(y[Model::cytosolic_calcium]);
-      rows.potential_mV.push_back(y[Model::membrane_potential]);
+      if constexpr (calcium_of<Model> >= 0) rows.calcium_mM.push_back(y[calcium_of<Model>]);
+      rows.potential_mV.push_back(y[potential_of<Model>]);
     });
   });
   return rows;
@@ -311,8 +316,8 @@ PacedTrace PacedTangents::trace(int first) const {
     beat_at<Model, Tangent>(study_, pass.parameter)
         .run(pass.state.data(), [&](const Tangent& t, const Tangent* y) {
           trace.t_ms.push_back(t);
-          trace.calcium_mM.push_back(y[Model::cytosolic_calcium]);
-          trace.potential_mV.push_back(y[Model::membrane_potential]);
+          if constexpr (calcium_of<Model> >= 0) trace.calcium_mM.push_back(y[calcium_of<Model>]);
+          trace.potential_mV.push_back(y[potential_of<Model>]);
         });
   });
   return trace;

@@ -63,8 +63,8 @@ struct BeatWords {
 std::vector<NamedValue> cell_indexes(const CellStudy& study, const std::vector<double>& start,
                                      BeatWords* words = nullptr);
 
-// Derivatives of every index on the limit cycle by every parameter but stimulus_K_fraction, which must be 1
-// for a cycle to exist. after_pass(share done) may throw to stop.
+// Derivatives of every index on the limit cycle by every parameter but the share of the stimulus that its ion
+// carries, which must be 1 for a cycle to exist. after_pass(share done) may throw to stop.
 Sensitivities cell_sensitivities(const CellStudy& study, const std::vector<double>& on_cycle,
                                  const std::function<void(double)>& after_pass = {});
 

@@ -1,7 +1,7 @@
 // One beat of a paced cell by Rush-Larsen steps, for numbers of any kind; with dual numbers its derivatives
 // by state, parameters, period and pulse.
 //
-// Where the potential crosses the value at which the model's rates jump (branch_potential) the step is split,
+// Where the potential crosses a value at which the model's rates jump (branch_potentials) the step is split,
 // so that the image is a smooth function of everything: without it, a crossing that moves from one step to
 // the next is a jump, and difference quotients of the cycle see noise of 1e-4.
 #pragma once
@@ -10,6 +10,8 @@
 #include <array>
 #include <cmath>
 #include <vector>
+#include <wiggers/cellmodels/models/ionic_model.hpp>
+#include <wiggers/cellmodels/schemes/branches.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/fixed_step.hpp>
 #include <wiggers/core/progress.hpp>
@@ -21,7 +23,7 @@ template <class T>
 struct PacedBeatInputs {
   std::vector<T> parameters;  // of the model
   T period_ms = 0, amplitude_A_per_F = 0, duration_ms = 0;
-  T charge_mV = 0;  // held at the end of the beat
+  std::vector<T> invariants;  // held at the end of the beat
 };
 
 template <class Model, class T>
@@ -34,10 +36,8 @@ class PacedBeat {
   PacedBeat(PacedBeatInputs<T> inputs, double onset_ms, double dt_ms, bool second_order)
       : in_(std::move(inputs)),
         constants_(Model::constants(in_.parameters.data())),
-        below_(on_side(constants_, true)),
-        above_(on_side(constants_, false)),
-        plain_below_(on_side(Model::constants(plain_parameters().data()), true)),
-        plain_above_(on_side(Model::constants(plain_parameters().data()), false)),
+        within_(in_intervals(constants_)),
+        plain_within_(in_intervals(Model::constants(plain_parameters().data()))),
         onset_(onset_ms),
         dt_(dt_ms),
         second_order_(second_order) {}
@@ -50,10 +50,9 @@ class PacedBeat {
     span(t, T(onset_), T(0.0), y, on_step);
     span(t, T(onset_ + in_.duration_ms), in_.amplitude_A_per_F, y, on_step);
     span(t, in_.period_ms, T(0.0), y, on_step);
-    y[Model::balancing_ion] += (in_.charge_mV - charge(y)) / Model::invariant_slope(constants_);
+    if constexpr (HasInvariants<Model>) hold_invariants<Model>(y, constants_, in_.invariants.data());
   }
   std::vector<double> stimulus_edges() const { return {onset_, onset_ + value_of(in_.duration_ms)}; }
-  T charge(const T* y) const { return Model::invariant(y, constants_); }
 
  private:
   template <class N, class H, class P>
@@ -71,29 +70,30 @@ class PacedBeat {
       return;
     }
     const T stimulus[1] = {current};
-    bool below = value_of(y[Model::membrane_potential]) < Model::branch_potential;
+    int interval = interval_of<Model>(value_of(y[V]));
     unsigned steps = 0;
     for (bool reached = false; !reached;) {
       if ((++steps & 63) == 0) check_interrupt();
       const T h = next_step(T(end - t), dt_);
       reached = value_of(h) >= value_of(end) - value_of(t);
       T left = h;
-      // A step that crosses is split there; more than one crossing a step is not looked for.
-      for (int split = 0; split < 2; ++split) {
+      // A step that crosses is split there; a way back over the same potential within the step is not looked
+      // for.
+      for (std::size_t split = 0; split <= n_branches<Model>; ++split) {
         std::array<T, n_states> next;
         std::copy(y, y + n_states, next.begin());
-        step(left, next.data(), stimulus, side(below));
-        const bool crosses =
-            (value_of(next[Model::membrane_potential]) < Model::branch_potential) != below && split == 0;
+        step(left, next.data(), stimulus, within(interval));
+        const int ahead = interval_of<Model>(value_of(next[V]));
+        const bool crosses = ahead != interval && split < n_branches<Model>;
         T part = left;
         if (crosses) {
-          part = crossing(value_of(left), y, stimulus, below);
+          part = crossing(value_of(left), y, stimulus, interval, first_crossed<Model>(interval, ahead));
           std::copy(y, y + n_states, next.begin());
-          step(part, next.data(), stimulus, side(below));
+          step(part, next.data(), stimulus, within(interval));
         }
         std::copy(next.begin(), next.end(), y);
         if (!crosses) break;
-        below = !below;
+        interval += ahead > interval ? 1 : -1;
         left = left - part;
         if (value_of(left) < 1e-12 * value_of(h)) break;
       }
@@ -102,20 +102,18 @@ class PacedBeat {
     }
   }
 
-  // Time from the step's start to the crossing.
-  T crossing(double h, const T* y, const T* stimulus, bool below) const {
-    constexpr int V = Model::membrane_potential;
+  // Time from the step's start to the crossing of a branch potential.
+  T crossing(double h, const T* y, const T* stimulus, int interval, double branch) const {
     std::array<double, n_states> start;
     for (std::size_t i = 0; i < n_states; ++i) start[i] = value_of(y[i]);
     const double current[1] = {value_of(stimulus[0])};
-    const Constants<double>& plain = below ? plain_below_ : plain_above_;
+    const Constants<double>& plain = plain_within_[static_cast<std::size_t>(interval)];
     const auto distance = [&](double part) {
       auto state = start;
       step(part, state.data(), current, plain);
-      return state[V] - Model::branch_potential;
+      return state[V] - branch;
     };
-    const double b =
-        bracketed_root(distance, 0, h, start[V] - Model::branch_potential, distance(h), 1e-12, 1e-14 * h);
+    const double b = bracketed_root(distance, 0, h, start[V] - branch, distance(h), 1e-12, 1e-14 * h);
     std::array<Dual<1>, n_states> moving;
     for (std::size_t i = 0; i < n_states; ++i) moving[i] = start[i];
     const Dual<1> moving_current[1] = {current[0]};
@@ -125,16 +123,24 @@ class PacedBeat {
     // One Newton step in full arithmetic: its derivatives are those of the crossing's time.
     std::array<T, n_states> state;
     std::copy(y, y + n_states, state.begin());
-    step(b, state.data(), stimulus, side(below));
-    return b - (state[V] - Model::branch_potential) / slope;
+    step(b, state.data(), stimulus, within(interval));
+    return b - (state[V] - branch) / slope;
   }
 
-  const Constants<T>& side(bool below) const { return below ? below_ : above_; }
+  static constexpr int V = potential_of<Model>;
+  // Constants that keep to the rates of each interval between branch potentials.
   template <class P>
-  static Constants<P> on_side(Constants<P> constants, bool below) {
-    constants.rate_branch = below ? 1e9 : -1e9;
-    return constants;
+  using InIntervals = std::array<Constants<P>, n_branches<Model> + 1>;
+  template <class P>
+  static InIntervals<P> in_intervals(const Constants<P>& constants) {
+    InIntervals<P> all;
+    for (std::size_t k = 0; k < all.size(); ++k) {
+      all[k] = constants;
+      keep_to_interval<Model>(all[k], static_cast<int>(k));
+    }
+    return all;
   }
+  const Constants<T>& within(int interval) const { return within_[static_cast<std::size_t>(interval)]; }
   std::vector<double> plain_parameters() const {
     std::vector<double> values;
     for (const T& p : in_.parameters) values.push_back(value_of(p));
@@ -142,8 +148,9 @@ class PacedBeat {
   }
 
   PacedBeatInputs<T> in_;
-  Constants<T> constants_, below_, above_;  // as they are, and kept to one branch of the rates
-  Constants<double> plain_below_, plain_above_;
+  Constants<T> constants_;
+  InIntervals<T> within_;
+  InIntervals<double> plain_within_;
   double onset_, dt_;
   bool second_order_;
 };

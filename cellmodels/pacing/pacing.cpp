@@ -40,6 +40,21 @@ void check_protocol(const CellModel& model, const PacingProtocol& protocol,
   }
 }
 
+void require_limit_cycle(const CellModel& model, const std::vector<double>& parameters) {
+  if (model.keeps_invariants(parameters.data())) return;
+  std::string what = "its charge is not kept", remedy = "";
+  for (std::size_t k = 0; k < parameters.size(); ++k)
+    if (model.parameters[k].role == Role::stimulus_share) {
+      what = fmt::format("the stimulus charge is booked to no ion ({} = {})", model.parameters[k].name,
+                         parameters[k]);
+      remedy = fmt::format("set {} = 1, or ", model.parameters[k].name);
+    }
+  throw InputError(
+      fmt::format("{}: there is no limit cycle to find: {}, so the cell gains charge every beat; {}pace a "
+                  "number of beats",
+                  model.name, what, remedy));
+}
+
 void make_admissible(const CellModel& model, std::vector<double>& state) {
   for (std::size_t i = 0; i < state.size(); ++i)
     state[i] = std::clamp(state[i], model.states[i].lower, model.states[i].upper);
@@ -110,7 +125,7 @@ BeatRows PacedCell::feature_rows(std::vector<double> state) {
   const auto sampler = [&](double t, const double* y, double) {
     rows.t_ms.push_back(t);
     rows.potential_mV.push_back(y[model_.membrane_potential]);
-    rows.calcium_mM.push_back(y[model_.cytosolic_calcium]);
+    if (model_.has_calcium()) rows.calcium_mM.push_back(y[model_.cytosolic_calcium]);
   };
   rows.stimulus_edges_ms = {protocol_.stimulus.onset_ms,
                             protocol_.stimulus.onset_ms + protocol_.stimulus.duration_ms};
@@ -131,9 +146,10 @@ BeatRows PacedCell::feature_rows(std::vector<double> state) {
   std::set<std::size_t> places;
   const auto row = [](const auto& series, auto it) { return static_cast<std::size_t>(it - series.begin()); };
   const auto peak = row(V, std::max_element(V.begin(), V.end()));
-  places.insert({peak, row(V, std::min_element(V.begin(), V.end())),
-                 row(Ca, std::max_element(Ca.begin(), Ca.end())),
-                 row(Ca, std::min_element(Ca.begin(), Ca.end()))});
+  places.insert({peak, row(V, std::min_element(V.begin(), V.end()))});
+  if (!Ca.empty())
+    places.insert(
+        {row(Ca, std::max_element(Ca.begin(), Ca.end())), row(Ca, std::min_element(Ca.begin(), Ca.end()))});
   std::size_t steepest = 1;
   for (std::size_t k = 1; k < t.size(); ++k) {
     if ((V[k] - V[k - 1]) * (t[steepest] - t[steepest - 1]) >
@@ -262,10 +278,10 @@ BeatMap PacedCell::beat_map(const std::vector<double>& start) const {
   BeatMap map;
   map.scales = scales(start);
   for (const Quantity& q : model_.states) map.positive.push_back(q.unit == "mM");
-  const double charge = model_.invariant(start.data(), parameters_.data());
-  map.admit = [this, charge](std::vector<double>& proposal) {
+  map.admit = [this, held = model_.invariant_values(start.data(), parameters_.data())](
+                  std::vector<double>& proposal) {
     make_admissible(model_, proposal);
-    model_.hold_invariant(proposal.data(), parameters_.data(), charge);
+    model_.hold_invariants(proposal.data(), parameters_.data(), held);
   };
   return map;
 }
@@ -273,12 +289,7 @@ BeatMap PacedCell::beat_map(const std::vector<double>& start) const {
 LimitCycleCertificate PacedCell::to_limit_cycle(
     std::vector<double>& state, LimitCycleSettings settings,
     const std::function<void(const LimitCycleCertificate&)>& after_beat) {
-  if (!model_.keeps_invariant(parameters_.data()))
-    throw InputError(fmt::format(
-        "{}: there is no limit cycle to find: the stimulus charge is booked to no ion (stimulus_K_fraction = "
-        "{}), "
-        "so the cell gains charge every beat. Set stimulus_K_fraction = 1, or pace a number of beats.",
-        model_.name, parameters_[require_index(model_.parameters, "parameter", "stimulus_K_fraction")]));
+  require_limit_cycle(model_, parameters_);
   // The noise of an adaptive integrator bounds the distance that a search can reach: it is searched with a
   // tolerance that allows the distance asked for, and where that does not do with tighter ones, from where
   // the last ended, as far as double precision allows.
@@ -288,7 +299,7 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
   const auto search_finely = [&](std::vector<double>& from, const LimitCycleSettings& how) {
     PacedCell cell(model_, parameters_, protocol_, finer);
     const LimitCycleCertificate found = cell.search(from, how, after_beat, this);
-    invariant_drift_ = cell.invariant_drift();
+    charge_drift_ = cell.charge_drift();
     finer = cell.integrator_;
     return found;
   };
@@ -329,15 +340,15 @@ LimitCycleCertificate PacedCell::to_limit_cycle(
     judge_cell(certificate, sense.finding());
   }
   if (certificate.verdict == LimitCycleVerdict::period_n) {
-    std::vector<std::pair<double, double>> peaks;
+    std::vector<BeatPeaks> beats_of_cycle;
     std::vector<double> y = state;
     for (int k = 0; k < certificate.period; ++k) {
       const BeatRows rows = feature_rows(y);
-      peaks.push_back({*std::max_element(rows.potential_mV.begin(), rows.potential_mV.end()),
-                       units::uM_per_mM * *std::max_element(rows.calcium_mM.begin(), rows.calcium_mM.end())});
+      beats_of_cycle.push_back(peaks_of(rows.potential_mV, rows.calcium_mM));
       beat(y);
     }
-    certificate.reason = words_of_beats(peaks) + (certificate.reason.empty() ? "" : " ") + certificate.reason;
+    certificate.reason =
+        words_of_beats(beats_of_cycle) + (certificate.reason.empty() ? "" : " ") + certificate.reason;
   }
   if (missed(certificate, settings))
     certificate.reason = fmt::format(
@@ -352,7 +363,8 @@ LimitCycleCertificate PacedCell::search(std::vector<double>& state, LimitCycleSe
                                         const std::function<void(const LimitCycleCertificate&)>& after_beat,
                                         PacedCell* coarse) {
   if (is_adaptive(integrator_.name)) settings.map_noise = integrator_.relative_tolerance;
-  const double charge = model_.invariant(state.data(), parameters_.data());
+  const std::vector<double> held = model_.invariant_values(state.data(), parameters_.data());
+  const double charge = model_.charge(state.data(), parameters_.data());
   BeatMap map = beat_map(state);
   // While the change over a beat is far above the coarse cell's noise, its beats do.
   const double near = coarse ? changes_above_noise * coarse->integrator_.relative_tolerance : 0;
@@ -369,8 +381,8 @@ LimitCycleCertificate PacedCell::search(std::vector<double>& state, LimitCycleSe
     std::vector<double> image = start;
     (far ? *coarse : *this).beat(image);
     // The scheme's own drift of the charge is reported, then removed: the map is projected on the leaf.
-    invariant_drift_ = model_.invariant(image.data(), parameters_.data()) - charge;
-    model_.hold_invariant(image.data(), parameters_.data(), charge);
+    charge_drift_ = model_.charge(image.data(), parameters_.data()) - charge;
+    model_.hold_invariants(image.data(), parameters_.data(), held);
     return image;
   };
   return find_limit_cycle(map, settings, state, watch);

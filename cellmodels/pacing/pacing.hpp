@@ -80,8 +80,8 @@ class PacedCell {
   std::optional<double> integrator_shift(const std::vector<double>& on_cycle,
                                          const std::function<void()>& between_beats = {}) const;
 
-  // Drift of the invariant over the last beat, before it was held (mV).
-  double invariant_drift() const { return invariant_drift_; }
+  // Drift of the charge over the last beat, before it was held (mV).
+  double charge_drift() const { return charge_drift_; }
 
   const CellModel& model() const { return model_; }
   const std::vector<double>& parameters() const { return parameters_; }
@@ -96,9 +96,12 @@ class PacedCell {
   PacingProtocol protocol_;
   CellIntegrator integrator_;
   std::unique_ptr<AdaptiveIntegrator> adaptive_;
-  double invariant_drift_ = 0;
+  double charge_drift_ = 0;
   double multiplier_ = 0;  // of the cycle found last
 };
+
+// Refuses parameters with which a model loses or gains charge every beat: it has no cycle.
+void require_limit_cycle(const CellModel& model, const std::vector<double>& parameters);
 
 // Brings a proposed state back to where it has a meaning: gates to [0, 1], concentrations positive.
 void make_admissible(const CellModel& model, std::vector<double>& state);

@@ -1,8 +1,7 @@
 // The kernels' text, included by one small source file per instruction set. See kernels.hpp.
 #pragma once
 
-#include <wiggers/cellmodels/models/crn.hpp>
-#include <wiggers/cellmodels/models/ttp06.hpp>
+#include <wiggers/cellmodels/models/ionic_models.hpp>
 #include <wiggers/cellmodels/population/kernels.hpp>
 #include <wiggers/cellmodels/schemes/rdq20_midpoint.hpp>
 #include <wiggers/core/fixed_step.hpp>
@@ -51,19 +50,19 @@ WIGGERS_INLINE typename V::Mask tabulated_update(const VoltageTableView<typename
   using Layout = VoltageTableLayout<Model>;
   constexpr std::size_t room = (Layout::n_columns + V::lanes - 1) / V::lanes * V::lanes;
   V columns[room];
-  const auto outside = look_up<Model, V>(table, at[Model::membrane_potential], columns);
+  const auto outside = look_up<Model, V>(table, at[potential_of<Model>], columns);
   std::array<V, Model::n_voltage_factors> factors;
   for (std::size_t k = 0; k < factors.size(); ++k) factors[k] = columns[2 * Layout::n_gates + k];
   EvaluationOf<Model, V> e;
   Model::balances(at, inputs, factors, constants, e);
   std::size_t column = 0;
   for (std::size_t i = 0; i < Model::states.size(); ++i) {
-    if (Model::is_voltage_gate[i]) {
+    if (is_voltage_gate<Model>[i]) {
       const V steady = columns[column];
       const V decay = columns[column + Layout::n_gates];
       y[i] = steady + (from[i] - steady) * (square_decay ? decay * decay : decay);
       ++column;
-    } else if (Model::is_gate[i]) {
+    } else if (is_gate<Model>[i]) {
       y[i] = e.steady[i] + (from[i] - e.steady[i]) * exp(V(-h) / e.tau[i]);
     } else {
       y[i] = from[i] + V(h) * e.derivative[i];
@@ -164,15 +163,13 @@ template <class Model, class V, template <class, class, bool> class Steps, bool 
 
 // One step of the founding paper's scheme for the cells of a tissue, whose potential u* (extrapolated) is
 // given: gates implicitly (they are linear in themselves), everything else explicitly at states extrapolated
-// to the step's end, the rate of the potential with the new gates. Second order; `first`: BDF1 for want of
-// history.
+// to the step's end, the rate of the potential with the new gates (of a model in parts: the others enter with
+// their extrapolated values). Second order; `first`: BDF1 for want of history.
 template <class Model, class V, bool tabulated>
 [[gnu::flatten]] bool run_bdf2(const KernelCall<typename V::Scalar>& call, std::size_t first_block,
                                std::size_t last_block) {
   using Real = typename V::Scalar;
-  using Layout = VoltageTableLayout<Model>;
   constexpr std::size_t n = Model::states.size(), n_in = Model::inputs.size(), width = block_lanes<Real>;
-  constexpr std::size_t room = (Layout::n_columns + V::lanes - 1) / V::lanes * V::lanes;
   typename Model::template Constants<Real> constants;
   __builtin_memcpy(&constants, call.constants, sizeof(constants));
   const FlushSubnormals flush;
@@ -194,48 +191,54 @@ template <class Model, class V, bool tabulated>
         const V ahead = now_ahead * now + before_ahead * before;
         // A concentration must not leave its positive range on the way.
         at[i] =
-            !Model::is_gate[i] && Model::states[i].lower >= 0 ? select(ahead > V(0.0), ahead, now) : ahead;
+            !is_gate<Model>[i] && Model::states[i].lower >= 0 ? select(ahead > V(0.0), ahead, now) : ahead;
         now.store(previous + i * width);
       }
-      const V potential = V::load(states + Model::membrane_potential * width);
-      at[Model::membrane_potential] = potential;
+      const V potential = V::load(states + potential_of<Model> * width);
+      at[potential_of<Model>] = potential;
       EvaluationOf<Model, V> e;
-      std::array<V, Model::n_voltage_factors> factors;
       V next[n];
-      if constexpr (tabulated) {
-        V columns[room];
-        bad = bad | look_up<Model, V>(call.table, potential, columns);
-        for (std::size_t k = 0; k < factors.size(); ++k) factors[k] = columns[2 * Layout::n_gates + k];
-        std::size_t column = 0;
-        for (std::size_t i = 0; i < n; ++i) {
-          if (!Model::is_voltage_gate[i]) continue;
-          const V steady = columns[column], decay = columns[column + Layout::n_gates];
-          at[i] = next[i] = steady + (past[i] - steady) * decay;
-          ++column;
-        }
-      } else {
-        Model::voltage_gates(potential, constants, e);
-        factors = Model::voltage_factors(potential, constants);
-        for (std::size_t i = 0; i < n; ++i)
-          if (Model::is_voltage_gate[i]) {
-            const V rate = step / e.tau[i];
-            at[i] = next[i] = (past[i] + rate * e.steady[i]) / (V(1.0) + rate);
+      if constexpr (InParts<Model>) {
+        std::array<V, Model::n_voltage_factors> factors;
+        if constexpr (tabulated) {
+          using Layout = VoltageTableLayout<Model>;
+          constexpr std::size_t room = (Layout::n_columns + V::lanes - 1) / V::lanes * V::lanes;
+          V columns[room];
+          bad = bad | look_up<Model, V>(call.table, potential, columns);
+          for (std::size_t k = 0; k < factors.size(); ++k) factors[k] = columns[2 * Layout::n_gates + k];
+          std::size_t column = 0;
+          for (std::size_t i = 0; i < n; ++i) {
+            if (!is_voltage_gate<Model>[i]) continue;
+            const V steady = columns[column], decay = columns[column + Layout::n_gates];
+            at[i] = next[i] = steady + (past[i] - steady) * decay;
+            ++column;
           }
+        } else {
+          Model::voltage_gates(potential, constants, e);
+          factors = Model::voltage_factors(potential, constants);
+          for (std::size_t i = 0; i < n; ++i)
+            if (is_voltage_gate<Model>[i]) {
+              const V rate = step / e.tau[i];
+              at[i] = next[i] = (past[i] + rate * e.steady[i]) / (V(1.0) + rate);
+            }
+        }
+        Model::balances(at, inputs, factors, constants, e);
+      } else {
+        e = Model::template evaluate<V>(at, inputs, constants);
       }
-      Model::balances(at, inputs, factors, constants, e);
       for (std::size_t i = 0; i < n; ++i) {
-        if (i == static_cast<std::size_t>(Model::membrane_potential)) continue;
-        if (Model::is_gate[i] && !Model::is_voltage_gate[i]) {
+        if (i == static_cast<std::size_t>(potential_of<Model>)) continue;
+        if (is_gate<Model>[i] && !is_voltage_gate<Model>[i]) {
           const V rate = step / e.tau[i];
           next[i] = (past[i] + rate * e.steady[i]) / (V(1.0) + rate);
-        } else if (!Model::is_gate[i]) {
+        } else if (!is_gate<Model>[i]) {
           next[i] = past[i] + step * e.derivative[i];
         }
         next[i].store(states + i * width);
         const V lower(static_cast<double>(call.lower[i])), upper(static_cast<double>(call.upper[i]));
         bad.bits |= ~((next[i].v >= lower.v) & (next[i].v <= upper.v));
       }
-      const V rate = e.derivative[Model::membrane_potential];
+      const V rate = e.derivative[potential_of<Model>];
       rate.store(call.rates + block * width + offset);
       bad.bits |= ~(rate.v == rate.v);
     }
@@ -248,13 +251,17 @@ template <class Model, class V, bool tabulated>
 template <class Model, class V>
 Kernel<typename V::Scalar> ionic_bdf2(const KernelKey& key) {
   if (key.per_point) return nullptr;
-  return key.tabulated ? run_bdf2<Model, V, true> : run_bdf2<Model, V, false>;
+  if constexpr (InParts<Model>)
+    if (key.tabulated) return run_bdf2<Model, V, true>;
+  return key.tabulated ? nullptr : run_bdf2<Model, V, false>;
 }
 
 template <class Model, class V, template <class, class, bool> class Steps>
 Kernel<typename V::Scalar> ionic(const KernelKey& key) {
-  if (key.tabulated)
-    return key.per_point ? run<Model, V, Steps, true, true> : run<Model, V, Steps, true, false>;
+  if constexpr (InParts<Model>)
+    if (key.tabulated)
+      return key.per_point ? run<Model, V, Steps, true, true> : run<Model, V, Steps, true, false>;
+  if (key.tabulated) return nullptr;
   return key.per_point ? run<Model, V, Steps, false, true> : run<Model, V, Steps, false, false>;
 }
 
@@ -267,31 +274,24 @@ WIGGERS_INLINE bool same(std::string_view a, std::string_view b) {
   return true;
 }
 
+template <class Model, class V>
+Kernel<typename V::Scalar> find_ionic(const KernelKey& key) {
+  if (same(key.integrator, "rush-larsen")) return ionic<Model, V, RushLarsen1Steps>(key);
+  if (same(key.integrator, "rush-larsen-2")) return ionic<Model, V, RushLarsen2Steps>(key);
+  if (same(key.integrator, "bdf2-imex")) return ionic_bdf2<Model, V>(key);
+  return nullptr;
+}
+
 template <class V>
 Kernel<typename V::Scalar> find_for(const KernelKey& key) {
-  using Endo = Ttp06<Ttp06Type::endo>;
-  using Epi = Ttp06<Ttp06Type::epi>;  // the midmyocardial cell differs by parameters alone
-  const bool is_endo = same(key.model, Endo::name);
-  const bool is_epi = same(key.model, Epi::name) || same(key.model, Ttp06<Ttp06Type::mid>::name);
-  if (same(key.integrator, "rush-larsen")) {
-    if (same(key.model, Crn::name)) return ionic<Crn, V, RushLarsen1Steps>(key);
-    if (is_endo) return ionic<Endo, V, RushLarsen1Steps>(key);
-    if (is_epi) return ionic<Epi, V, RushLarsen1Steps>(key);
-  }
-  if (same(key.integrator, "rush-larsen-2")) {
-    if (same(key.model, Crn::name)) return ionic<Crn, V, RushLarsen2Steps>(key);
-    if (is_endo) return ionic<Endo, V, RushLarsen2Steps>(key);
-    if (is_epi) return ionic<Epi, V, RushLarsen2Steps>(key);
-  }
-  if (same(key.integrator, "bdf2-imex")) {
-    if (same(key.model, Crn::name)) return ionic_bdf2<Crn, V>(key);
-    if (is_endo) return ionic_bdf2<Endo, V>(key);
-    if (is_epi) return ionic_bdf2<Epi, V>(key);
-  }
+  Kernel<typename V::Scalar> found = nullptr;
+  IonicModels::each([&]<class Model>() {
+    if (same(key.model, Model::name)) found = find_ionic<typename SameEquationsOf<Model>::type, V>(key);
+  });
   if (same(key.integrator, "frozen-midpoint") && same(key.model, Rdq20::name) && !key.tabulated)
     return key.per_point ? run<Rdq20, V, MidpointSteps, false, true>
                          : run<Rdq20, V, MidpointSteps, false, false>;
-  return nullptr;
+  return found;
 }
 
 }  // namespace wiggers::kernels

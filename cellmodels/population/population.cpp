@@ -112,9 +112,10 @@ struct CellPopulation::StorageOf final : Storage {
     if (!kernel_)
       throw InputError(fmt::format("{} has no kernel for integrator '{}'{}; it has {}", model_.name,
                                    settings_.integrator, settings_.table_spacing_mV > 0 ? " with tables" : "",
-                                   model_.is_ionic()
+                                   !model_.is_ionic() ? "frozen-midpoint, without tables"
+                                   : model_.has_voltage_table
                                        ? "rush-larsen, rush-larsen-2 and bdf2-imex, with and without tables"
-                                       : "frozen-midpoint, without tables"));
+                                       : "rush-larsen, rush-larsen-2 and bdf2-imex, without tables"));
   }
 
   void set_parameters(std::size_t parameter, std::span<const double> values) override {

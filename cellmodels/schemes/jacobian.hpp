@@ -20,8 +20,8 @@ void rates_and_jacobian(const double* y, const double* inputs,
   std::array<D, Model::inputs.size()> in;
   for (std::size_t i = 0; i < in.size(); ++i) in[i] = D(inputs[i]);
   EvaluationOf<Model, D> e;
-  if constexpr (requires { Model::n_voltage_factors; }) {
-    constexpr int V = Model::membrane_potential;
+  if constexpr (InParts<Model>) {
+    constexpr int V = potential_of<Model>;
     const auto V1 = Dual<1>::variable(y[V], 0);
     EvaluationOf<Model, Dual<1>> gates;
     Model::voltage_gates(V1, constants, gates);
@@ -33,7 +33,7 @@ void rates_and_jacobian(const double* y, const double* inputs,
     }
     Model::balances(yd.data(), in.data(), factors, constants, e);
     for (int i = 0; i < n; ++i) {
-      if (!Model::is_voltage_gate[i]) continue;
+      if (!is_voltage_gate<Model>[i]) continue;
       const Dual<1> rate = (gates.steady[i] - y[i]) / gates.tau[i];
       rates[i] = rate.value;
       jacobian[i].fill(0.0);
@@ -44,9 +44,9 @@ void rates_and_jacobian(const double* y, const double* inputs,
     e = Model::template evaluate<D>(yd.data(), in.data(), constants);
   }
   for (int i = 0; i < n; ++i) {
-    if constexpr (requires { Model::n_voltage_factors; })
-      if (Model::is_voltage_gate[i]) continue;
-    const D rate = Model::is_gate[i] ? D((e.steady[i] - yd[i]) / e.tau[i]) : e.derivative[i];
+    if constexpr (InParts<Model>)
+      if (is_voltage_gate<Model>[i]) continue;
+    const D rate = is_gate<Model>[i] ? D((e.steady[i] - yd[i]) / e.tau[i]) : e.derivative[i];
     rates[i] = rate.value;
     jacobian[i] = rate.derivative;
   }

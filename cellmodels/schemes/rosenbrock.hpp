@@ -13,6 +13,7 @@
 #include <cmath>
 #include <span>
 #include <vector>
+#include <wiggers/cellmodels/schemes/branches.hpp>
 #include <wiggers/cellmodels/schemes/jacobian.hpp>
 #include <wiggers/core/adaptive.hpp>
 #include <wiggers/core/errors.hpp>
@@ -42,7 +43,7 @@ class Rosenbrock4 final : public AdaptiveIntegrator {
     double t = 0;
     std::size_t next_sample = 0;
     State f0{}, before{}, f_before{};
-    if constexpr (has_branch) choose_side(y[Model::membrane_potential] < Model::branch_potential);
+    choose_interval(interval_at(y));
     differentiate(y, inputs, f0);
     unsigned steps = 0;
     while (t < span) {
@@ -54,25 +55,26 @@ class Rosenbrock4 final : public AdaptiveIntegrator {
       const double error = attempt(h, y, inputs, f0, proposal);
       const bool accepted = error <= 1.0;
       if (accepted) {
-        bool crossed = false;
-        if constexpr (has_branch)
-          crossed = (proposal[Model::membrane_potential] < Model::branch_potential) != lower_side_;
+        const int ahead = interval_at(proposal.data());
+        const bool crossed = ahead != interval_;
+        const double branch = crossed ? first_crossed<Model>(interval_, ahead) : 0;
+        const int beyond = interval_ + (ahead > interval_ ? 1 : -1);
         const double asked = h;
-        if (crossed && on_branch(y)) {
+        if (crossed && std::abs(y[V] - branch) < 1e-8) {
           // The step began on the branch potential and leaves it to the other side: those rates from the
           // start.
-          choose_side(!lower_side_);
+          choose_interval(beyond);
           differentiate(y, inputs, f0);
           continue;
         }
-        if (crossed) h = step_to_branch(h, y, inputs, f0, proposal);
+        if (crossed) h = step_to_branch(branch, h, y, inputs, f0, proposal);
         std::copy(y, y + n, before.begin());
         f_before = f0;
         std::copy(proposal.begin(), proposal.end(), y);
         const double begin = t;
         t = h >= span - t ? span : t + h;
         ++counts_.steps;
-        if (crossed) choose_side(!lower_side_);
+        if (crossed) choose_interval(beyond);
         if (t < span || (next_sample < samples.size() && samples[next_sample] <= t))
           differentiate(y, inputs, f0);
         for (; next_sample < samples.size() && samples[next_sample] <= t; ++next_sample)
@@ -100,7 +102,7 @@ class Rosenbrock4 final : public AdaptiveIntegrator {
 
  private:
   static constexpr double gamma = 0.57282;
-  static constexpr bool has_branch = requires { Model::branch_potential; };
+  static constexpr int V = std::max(0, potential_of<Model>);  // without a membrane nothing is crossed
 
   // Cubic Hermite interpolation inside a step.
   static State interpolate(double s, double h, const State& y0, const State& f0, const double* y1,
@@ -114,22 +116,15 @@ class Rosenbrock4 final : public AdaptiveIntegrator {
     return y;
   }
 
-  static bool on_branch(const double* y) {
-    if constexpr (has_branch) return std::abs(y[Model::membrane_potential] - Model::branch_potential) < 1e-8;
-    return false;
+  static int interval_at(const double* y) { return interval_of<Model>(y[V]); }
+  void choose_interval(int interval) {
+    interval_ = interval;
+    keep_to_interval<Model>(constants_, interval);
   }
-  // Rates of one side of the branch potential, wherever the stages go.
-  void choose_side(bool lower) {
-    lower_side_ = lower;
-    if constexpr (has_branch) constants_.rate_branch = lower ? 1e9 : -1e9;
-  }
-  // The step that ends on the branch potential, by the Illinois variant of false position; proposal is its
-  // end.
-  double step_to_branch(double h, const double* y, const double* inputs, const State& f0, State& proposal) {
-    const auto distance = [&](const double* state) {
-      if constexpr (has_branch) return state[Model::membrane_potential] - Model::branch_potential;
-      return state[0];
-    };
+  // The step that ends on a branch potential, by the Illinois variant of false position; proposal is its end.
+  double step_to_branch(double branch, double h, const double* y, const double* inputs, const State& f0,
+                        State& proposal) {
+    const auto distance = [&](const double* state) { return state[V] - branch; };
     double lower = 0, upper = h, at_lower = distance(y), at_upper = distance(proposal.data()), trial = h;
     for (int iteration = 0; iteration < 60; ++iteration) {
       trial = (lower * at_upper - upper * at_lower) / (at_upper - at_lower);
@@ -207,11 +202,7 @@ class Rosenbrock4 final : public AdaptiveIntegrator {
 
   // Gates of V alone couple to V and themselves: they are eliminated by hand, which leaves a small system of
   // the other states. LU of that with partial pivoting; sizes are fixed, no general matrix class in the loop.
-  static constexpr std::array<bool, Model::states.size()> eliminated = [] {
-    std::array<bool, Model::states.size()> is{};
-    if constexpr (has_branch) is = Model::is_voltage_gate;
-    return is;
-  }();
+  static constexpr auto eliminated = is_voltage_gate<Model>;
   static constexpr int n_left = [] {
     int count = 0;
     for (bool gone : eliminated) count += gone ? 0 : 1;
@@ -224,11 +215,11 @@ class Rosenbrock4 final : public AdaptiveIntegrator {
       if (!eliminated[i]) indexes[at++] = i;
     return indexes;
   }();
-  static constexpr int potential = [] {  // V is the first of the states that are left
-    if constexpr (has_branch) return static_cast<int>(Model::membrane_potential);
-    return 0;
+  static constexpr int potential_left = [] {  // where V is among them
+    int at = 0;
+    while (left[at] != V) ++at;
+    return at;
   }();
-  static_assert(left[0] == potential);
 
   void factorise(double diagonal) {
     for (int a = 0; a < n_left; ++a)
@@ -236,8 +227,8 @@ class Rosenbrock4 final : public AdaptiveIntegrator {
     for (int g = 0; g < n; ++g) {
       if (!eliminated[g]) continue;
       gate_inverse_[g] = 1.0 / (diagonal - jacobian_[g][g]);
-      gate_slope_[g] = jacobian_[g][potential] * gate_inverse_[g];
-      for (int a = 0; a < n_left; ++a) lu_[a][0] -= jacobian_[left[a]][g] * gate_slope_[g];
+      gate_slope_[g] = jacobian_[g][V] * gate_inverse_[g];
+      for (int a = 0; a < n_left; ++a) lu_[a][potential_left] -= jacobian_[left[a]][g] * gate_slope_[g];
     }
     for (int k = 0; k < n_left; ++k) {
       int pivot = k;
@@ -270,12 +261,12 @@ class Rosenbrock4 final : public AdaptiveIntegrator {
       x[k] *= inverse_[k];
     }
     for (int g = 0; g < n; ++g)
-      if (eliminated[g]) b[g] = gate_inverse_[g] * b[g] + gate_slope_[g] * x[0];
+      if (eliminated[g]) b[g] = gate_inverse_[g] * b[g] + gate_slope_[g] * x[potential_left];
     for (int a = 0; a < n_left; ++a) b[left[a]] = x[a];
   }
 
   Constants constants_;
-  bool lower_side_ = true;
+  int interval_ = 0;
   double relative_;
   State absolute_{};
   double h_ = 0;

@@ -18,7 +18,7 @@ template <class Model>
 struct VoltageTableLayout {
   static constexpr std::size_t n_gates = [] {
     std::size_t n = 0;
-    for (bool is : Model::is_voltage_gate) n += is ? 1 : 0;
+    for (bool is : is_voltage_gate<Model>) n += is ? 1 : 0;
     return n;
   }();
   static constexpr std::size_t n_columns = 2 * n_gates + Model::n_voltage_factors;
@@ -49,7 +49,7 @@ std::array<double, VoltageTableLayout<Model>::stride> voltage_table_row(
   Model::voltage_gates(V, constants, e);
   std::size_t column = 0;
   for (std::size_t i = 0; i < Model::states.size(); ++i) {
-    if (!Model::is_voltage_gate[i]) continue;
+    if (!is_voltage_gate<Model>[i]) continue;
     row[column] = e.steady[i];
     row[column + Layout::n_gates] =
         decay == Decay::exponential ? std::exp(-h / e.tau[i]) : 1 / (1 + h / e.tau[i]);

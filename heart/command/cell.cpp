@@ -159,8 +159,8 @@ nlohmann::ordered_json beat_features(const CellModel& model, const std::vector<d
     study.dt_ms = o.dt_ms;
     study.integrator = o.integrator;
     const std::vector<double> published = model.default_state();
-    study.charge_offset_mV = model.invariant(start.data(), parameters.data()) -
-                             model.invariant(published.data(), parameters.data());
+    study.charge_offset_mV =
+        model.charge(start.data(), parameters.data()) - model.charge(published.data(), parameters.data());
     PacedRows fixed = paced_rows(study, start);
     rows = {fixed.t_ms,
             fixed.potential_mV,
@@ -180,8 +180,10 @@ nlohmann::ordered_json beat_features(const CellModel& model, const std::vector<d
 std::string feature_line(const nlohmann::ordered_json& f) {
   const auto number = [&](const char* name) { return f[name].get<double>(); };
   return fmt::format(
-      "V {:.3f} to {:.3f} mV, Ca_i {:.4g} to {:.4g} uM{}", number("V_min_mV"), number("V_peak_mV"),
-      number("calcium_diastolic_uM"), number("calcium_peak_uM"),
+      "V {:.3f} to {:.3f} mV{}{}", number("V_min_mV"), number("V_peak_mV"),
+      f.contains("calcium_peak_uM") ? fmt::format(", Ca_i {:.4g} to {:.4g} uM",
+                                                  number("calcium_diastolic_uM"), number("calcium_peak_uM"))
+                                    : "",
       f.contains("APD90_ms") ? fmt::format(", APD90 {:.3f} ms", number("APD90_ms"))
       : f.contains("no_action_potential")
           ? fmt::format("; no action potential: {}", f["no_action_potential"].get<std::string>())
@@ -218,7 +220,7 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   PacedCell cell(model, parameters, {o.period_ms, pulse}, {o.integrator, o.rtol, o.atol, o.dt_ms});
   std::vector<double> state =
       o.start.empty() ? model.default_state() : read_state(model, parameters, o.start, o.other_parameters);
-  const double charge = model.invariant(state.data(), parameters.data());
+  const double charge = model.charge(state.data(), parameters.data());
 
   Progress progress(fmt::format("cell {}", model.name),
                     o.quiet ? Progress::Style::quiet : Progress::Style::automatic);
@@ -264,19 +266,19 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   ++beats;
   progress.finish(fmt::format("{} beats", beats));
 
+  const bool has_charge = model.charge_invariant() >= 0;
   nlohmann::ordered_json summary = {{"model", model.name}, {"period_ms", o.period_ms}, {"beats", beats}};
   std::optional<double> shift;
   if (to_cycle) {
     if (certificate.good()) shift = cell.integrator_shift(onset_state, check_interrupt);
-    summary["limit_cycle"] = {{"verdict", certificate.text()},
-                              {"distance", certificate.distance},
-                              {"beats", certificate.beats},
-                              {"residual", certificate.residual},
-                              {"multiplier", certificate.multiplier},
-                              {"period_beats", certificate.period},
-                              {"invariant_mV", charge},
-                              {"invariant_drift_mV", cell.invariant_drift()},
+    summary["limit_cycle"] = {{"verdict", certificate.text()},        {"distance", certificate.distance},
+                              {"beats", certificate.beats},           {"residual", certificate.residual},
+                              {"multiplier", certificate.multiplier}, {"period_beats", certificate.period},
                               {"integrator_shift", nullptr}};
+    if (has_charge) {
+      summary["limit_cycle"]["charge_mV"] = charge;
+      summary["limit_cycle"]["charge_drift_mV"] = cell.charge_drift();
+    }
     if (shift) summary["limit_cycle"]["integrator_shift"] = *shift;
   }
   if (to_cycle && !certificate.reason.empty()) summary["limit_cycle"]["reason"] = certificate.reason;
@@ -286,8 +288,10 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   const auto features = beat_features(model, parameters, o, pulse, cell, onset_state);
   summary["V_max_mV"] = features["V_peak_mV"];
   summary["V_min_mV"] = features["V_min_mV"];
-  summary["Ca_i_max_mM"] = 1e-3 * features["calcium_peak_uM"].get<double>();
-  summary["Ca_i_min_mM"] = 1e-3 * features["calcium_diastolic_uM"].get<double>();
+  if (model.has_calcium()) {
+    summary["Ca_i_max_mM"] = 1e-3 * features["calcium_peak_uM"].get<double>();
+    summary["Ca_i_min_mM"] = 1e-3 * features["calcium_diastolic_uM"].get<double>();
+  }
   if (features.contains("APD90_ms")) summary["APD90_ms"] = features["APD90_ms"];
   if (features.contains("no_action_potential"))
     summary["no_action_potential"] = features["no_action_potential"];
@@ -300,9 +304,9 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
       cell.beat(beat_state);
     }
   }
-  if (model.keeps_invariant(parameters.data()))
+  if (has_charge && model.keeps_invariants(parameters.data()))
     summary["charge_drift_mV"] =
-        to_cycle ? cell.invariant_drift() : model.invariant(state.data(), parameters.data()) - charge;
+        to_cycle ? cell.charge_drift() : model.charge(state.data(), parameters.data()) - charge;
   for (std::size_t i = 0; i < model.states.size(); ++i)
     summary["end_state"][std::string(model.states[i].name)] = state[i];
 
@@ -310,8 +314,9 @@ void pace(const CellModel& model, const std::vector<double>& parameters, const O
   if (to_cycle) {
     fmt::print("limit cycle: {}, distance {:.1e}, leading multiplier {:.4f}, {} beats\n", certificate.text(),
                certificate.distance, certificate.multiplier, certificate.beats);
-    fmt::print("  conserved charge {:.6g} mV, drift of a beat {:.1e} mV (held)\n", charge,
-               cell.invariant_drift());
+    if (has_charge)
+      fmt::print("  conserved charge {:.6g} mV, drift of a beat {:.1e} mV (held)\n", charge,
+                 cell.charge_drift());
     if (shift)
       fmt::print("  {} moves the cycle by {:.1e}\n",
                  is_adaptive(o.integrator) ? "a tolerance at most a tenth as large" : "half the step",

@@ -76,9 +76,11 @@ void add_models(CLI::App& app) {
     }
     fmt::print("{}: {}\n{}\ntime in {}\n", model.name, model.title, model.source, model.time_unit);
     if (model.is_ionic())
-      fmt::print("default stimulus {} A/F for {} ms; invariant: {}\n",
-                 model.default_stimulus.amplitude_A_per_F, model.default_stimulus.duration_ms,
-                 model.invariant_meaning);
+      fmt::print("default stimulus {} A/F for {} ms\n", model.default_stimulus.amplitude_A_per_F,
+                 model.default_stimulus.duration_ms);
+    for (const Invariant& invariant : model.invariants)
+      fmt::print("invariant: {} ({}), {}\n", invariant.name, invariant.unit, invariant.meaning);
+    if (model.invariants.empty()) fmt::print("no invariant: {}\n", model.no_invariants);
     print_quantities("states (name, unit, start, range, meaning)", model.states, true);
     print_quantities("parameters (name, unit, default, range, meaning)", model.parameters, true);
     print_quantities("inputs (name, unit, default, range, meaning)", model.inputs, true);

@@ -40,9 +40,11 @@ std::vector<Condition> conditions(const CellModel& model) {
   for (double V : {-40.0, 0.0, 15.0})
     add(fmt::format("start at {} mV", V),
         [&](Condition& c) { c.start[static_cast<std::size_t>(model.membrane_potential)] = V; });
-  for (double K_o : {3.0, 8.0})
+  for (double K_o : {3.0, 8.0}) {
+    if (std::ranges::none_of(model.parameters, [](const Quantity& q) { return q.name == "K_o"; })) break;
     add(fmt::format("K_o {} mM", K_o),
         [&](Condition& c) { c.parameters[require_index(model.parameters, "parameter", "K_o")] = K_o; });
+  }
   for (double gate : {0.0, 1.0})
     add(fmt::format("all gates at {}", gate), [&](Condition& c) {
       for (std::size_t i = 0; i < c.start.size(); ++i)

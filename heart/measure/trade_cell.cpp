@@ -56,7 +56,7 @@ std::vector<double> errors(const CellModel& model, const Trace& trace, const Tra
           largest,
           late,
           std::abs(*up - *up_exact),
-          std::abs(peak(trace) / peak(exact) - 1),
+          exact.calcium.empty() ? 0 : std::abs(peak(trace) / peak(exact) - 1),
           end};
 }
 
@@ -69,7 +69,7 @@ Trace sampled_beat(const CellModel& model, const std::vector<double>& parameters
   cell.beat(trace.end, trace.sample_ms, [&](double t, const double* y, double) {
     trace.t.push_back(t);
     trace.V.push_back(y[model.membrane_potential]);
-    trace.calcium.push_back(y[model.cytosolic_calcium]);
+    if (model.has_calcium()) trace.calcium.push_back(y[model.cytosolic_calcium]);
   });
   return trace;
 }
@@ -112,7 +112,7 @@ TradeRow batch(const CellModel& model, const std::vector<double>& parameters,
       const std::vector<double> y = one.state_of(0);
       trace.t.push_back(static_cast<double>(k) * trace.sample_ms);
       trace.V.push_back(y[static_cast<std::size_t>(model.membrane_potential)]);
-      trace.calcium.push_back(y[static_cast<std::size_t>(model.cytosolic_calcium)]);
+      if (model.has_calcium()) trace.calcium.push_back(y[static_cast<std::size_t>(model.cytosolic_calcium)]);
       trace.end = y;
       if (k == n_samples) break;
       one.set_input("i_stim", k < n_stimulated ? pulse.amplitude_A_per_F : 0);

@@ -37,7 +37,7 @@ struct CalciumTrace {
   }
 };
 
-CalciumTrace calcium_of(const Scene& scene, const CellType& type) {
+CalciumTrace calcium_trace_of(const Scene& scene, const CellType& type) {
   CalciumTrace trace;
   trace.period_s = scene.period_s;
   const double period_ms = scene.period_s * units::ms_per_s;
@@ -295,7 +295,7 @@ MonolithicHeart::MonolithicHeart(const Scene& scene, MonolithicSettings settings
       throw InputError(fmt::format(
           "the monolithic reference has no equations for a {} wall; use reduced or elastance walls",
           plan.kind));
-  for (const auto& [name, type] : m.scene.cells) m.calcium.emplace(name, calcium_of(m.scene, type));
+  for (const auto& [name, type] : m.scene.cells) m.calcium.emplace(name, calcium_trace_of(m.scene, type));
   m.state.assign(scene.initial.begin(), scene.initial.end());
   for (const WallPlan& plan : m.scene.walls) {
     const int c = plan.cavities.front();

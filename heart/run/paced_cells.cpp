@@ -68,18 +68,23 @@ std::map<std::string, PacedCellType> pace_cells(const Scene& scene, Progress::St
         require_one_beat_cycle(paced.certificate, name, *cell.ionic, scene.period_s);
         progress.finish(fmt::format("on the limit cycle after {} beats, distance {:.1e}",
                                     paced.certificate.beats, paced.certificate.distance));
-        paced.charge_drift_mV = one.invariant_drift();
+        paced.charge_drift_mV = one.charge_drift();
       }
       double low = std::numeric_limits<double>::infinity(), high = 0, peak = -1000;
       const CellModel& ionic = *cell.ionic;
       std::vector<double> state = paced.state_at_onset;
       one.beat(state, 1.0, [&](double, const double* y, double) {
+        peak = std::max(peak, y[ionic.membrane_potential]);
+        if (!ionic.has_calcium()) return;
         const double calcium = y[ionic.cytosolic_calcium] * units::uM_per_mM;
         low = std::min(low, calcium);
         high = std::max(high, calcium);
-        peak = std::max(peak, y[ionic.membrane_potential]);
       });
       paced.potential_max_mV = peak;
+      if (!ionic.has_calcium()) {  // it drives no force
+        all.emplace(name, std::move(paced));
+        continue;
+      }
       CalciumRescaling rescaling = cell.rescaling;
       rescaling.diastolic_uM = low;
       paced.calcium_min_uM = rescaling(low);

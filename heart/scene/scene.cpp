@@ -63,7 +63,7 @@ CellType read_cells(SettingsReader& table, const std::string& name) {
     const std::vector<std::string> starts = {"limit-cycle", "published"};
     cell.from_limit_cycle =
         table.choice("start", "limit-cycle", starts, "start of the cells") == "limit-cycle";
-    if (cell.from_limit_cycle && !cell.ionic->keeps_invariant(cell.ionic_parameters.data()))
+    if (cell.from_limit_cycle && !cell.ionic->keeps_invariants(cell.ionic_parameters.data()))
       throw InputError(
           fmt::format("{}: these parameters book the stimulus charge to no ion, so the cell has no limit "
                       "cycle; use start = "
@@ -105,6 +105,11 @@ FibrePlan read_fibre_cells(SettingsReader& table, double period_s,
 
 FibrePlan read_fibre(SettingsReader& table, double period_s, const std::map<std::string, CellType>& cells) {
   FibrePlan fibre = read_fibre_cells(table, period_s, cells);
+  if (const CellModel* ionic = cells.at(fibre.cells).ionic; ionic && !ionic->has_calcium())
+    throw InputError(fmt::format(
+        "{}: {} has no calcium that could drive a force model; use cells of another ionic model, or "
+        "\"transient\"",
+        table.place("cells"), ionic->name));
   fibre.settings.active = table.flag("active", true);
   fibre.settings.subtract_rest_tension = table.flag("subtract_rest_tension", true);
   fibre.force_parameters = cells.at(fibre.cells).force_parameters;

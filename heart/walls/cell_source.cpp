@@ -24,7 +24,7 @@ IonicCellSource::IonicCellSource(const CellModel& model, std::vector<double> par
   n_off_ = whole_steps(off, pacing_.substep_ms);
   h_on_ = n_on_ > 0 ? on / static_cast<double>(n_on_) : 0;
   h_off_ = off / static_cast<double>(n_off_);
-  charge_ = model_.invariant(state_.data(), parameters_.data());
+  held_ = model_.invariant_values(state_.data(), parameters_.data());
   // The beat begins `activation` before the stimulus, so the cell is then late in its own cycle.
   const double phase = wrapped(-pacing_.activation_ms, pacing_.period_ms);
   advance_to(phase);
@@ -45,8 +45,8 @@ void IonicCellSource::advance(const double& t, const double& dt) {
   // Within rounding of the end of the cycle counts as the end, and the end as the next onset.
   if (from < pacing_.period_ms - 1e-9 && to >= pacing_.period_ms - 1e-9) {
     advance_to(pacing_.period_ms);
-    if (model_.keeps_invariant(parameters_.data()))
-      model_.hold_invariant(state_.data(), parameters_.data(), charge_);
+    if (model_.keeps_invariants(parameters_.data()))
+      model_.hold_invariants(state_.data(), parameters_.data(), held_);
     step_ = 0;
   }
   if (to >= pacing_.period_ms - 1e-9) to = std::max(0.0, to - pacing_.period_ms);
@@ -85,13 +85,14 @@ void IonicCellSource::read_out(double local) {
 double IonicCellSource::calcium_uM() const { return rescaling_(calcium_mM_ * units::uM_per_mM); }
 
 void IonicCellSource::save(std::vector<double>& out) const {
-  out.insert(out.end(), {charge_, static_cast<double>(step_), calcium_before_, potential_before_, calcium_mM_,
-                         potential_mV_});
+  out.insert(out.end(), held_.begin(), held_.end());
+  out.insert(out.end(),
+             {static_cast<double>(step_), calcium_before_, potential_before_, calcium_mM_, potential_mV_});
   out.insert(out.end(), state_.begin(), state_.end());
 }
 
 void IonicCellSource::restore(std::span<const double>& in) {
-  charge_ = take_saved(in);
+  for (double& value : held_) value = take_saved(in);
   step_ = take_saved_count(in, n_on_ + n_off_);
   calcium_before_ = take_saved(in);
   potential_before_ = take_saved(in);

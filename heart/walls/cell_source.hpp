@@ -66,10 +66,10 @@ class IonicCellSource final : public CellSource {
   Pacing pacing_;
   CalciumRescaling rescaling_;
   std::unique_ptr<CellStepper> stepper_;
-  long n_on_, n_off_;    // steps during the pulse, and after it
-  double h_on_, h_off_;  // their lengths (ms)
-  double charge_ = 0;    // of the start; held at each stimulus, so that a scheme's drift cannot accumulate
-  long step_ = 0;        // grid steps done in this cycle
+  long n_on_, n_off_;         // steps during the pulse, and after it
+  double h_on_, h_off_;       // their lengths (ms)
+  std::vector<double> held_;  // invariants of the start; held at each stimulus, so that no drift accumulates
+  long step_ = 0;             // grid steps done in this cycle
   double calcium_before_ = 0, potential_before_ = 0;  // one grid point earlier
   double calcium_mM_ = 0, potential_mV_ = 0;          // at the heart's time
 };

@@ -18,10 +18,10 @@ std::vector<double> cycle(const char* name, const CellIntegrator& integrator, St
   const auto parameters = model.parameter_values("default");
   PacedCell cell(model, parameters, {800, pulse}, integrator);
   std::vector<double> state = model.default_state();
-  const double charge = model.invariant(state.data(), parameters.data());
+  const double charge = model.charge(state.data(), parameters.data());
   for (std::size_t i = 0; i < state.size(); ++i)
     if (model.states[i].name == "Na_i") state[i] += sodium_shift;
-  model.hold_invariant(state.data(), parameters.data(), charge);
+  model.hold_invariants(state.data(), parameters.data(), {charge});
   certificate = cell.to_limit_cycle(state, {});
   return state;
 }
@@ -39,7 +39,7 @@ TEST_CASE("charge drifts by less than 1e-6 of a beat's turnover in 100 beats wit
     const auto parameters = model.parameter_values("default");
     PacedCell cell(model, parameters, {800, model.default_stimulus}, {"cvode", 1e-10, 1e-12, 0.02});
     std::vector<double> state = model.default_state();
-    const double charge = model.invariant(state.data(), parameters.data());
+    const double charge = model.charge(state.data(), parameters.data());
     // Turnover: the charge that all membrane currents move in one beat.
     double turnover = 0;
     std::vector<double> rates(model.states.size()), observables(model.observables.size());
@@ -50,7 +50,7 @@ TEST_CASE("charge drifts by less than 1e-6 of a beat's turnover in 100 beats wit
     });
     for (int beat = 1; beat < 100; ++beat) cell.beat(state);
     INFO(name << " turnover " << turnover << " mV");
-    CHECK(std::abs(model.invariant(state.data(), parameters.data()) - charge) < 1e-6 * turnover);
+    CHECK(std::abs(model.charge(state.data(), parameters.data()) - charge) < 1e-6 * turnover);
   }
 }
 
@@ -137,7 +137,7 @@ TEST_CASE("plain beats after the cycle move the state by no more than its residu
   const auto parameters = model.parameter_values("default");
   PacedCell cell(model, parameters, {800, {-25.71, 3, 0}}, {"rush-larsen", 1e-8, 1e-10, 0.05});
   std::vector<double> state = model.default_state();
-  const double charge = model.invariant(state.data(), parameters.data());
+  const double charge = model.charge(state.data(), parameters.data());
   const auto scales = cell.scales(state);
   const auto certificate = cell.to_limit_cycle(state, {});
   REQUIRE(certificate.verdict == LimitCycleVerdict::period_1);
@@ -145,7 +145,7 @@ TEST_CASE("plain beats after the cycle move the state by no more than its residu
   for (int beat = 0; beat < 5; ++beat) {
     const std::vector<double> before = state;
     cell.beat(state);
-    model.hold_invariant(state.data(), parameters.data(), charge);
+    model.hold_invariants(state.data(), parameters.data(), {charge});
     for (std::size_t i = 0; i < state.size(); ++i)
       CHECK(std::abs(state[i] - before[i]) / scales[i] <= std::max(2 * certificate.residual, 1e-10));
   }
@@ -172,7 +172,7 @@ TEST_CASE("cycles from the published start: few beats, one cycle by every method
     const PacingProtocol protocol{800, {-25.71, 3, 0}};
     const CellIntegrator integrator{"rush-larsen-2", 1e-8, 1e-10, 0.1};
     const auto scales = PacedCell(model, parameters, protocol, integrator).scales(model.default_state());
-    const double charge = model.invariant(model.default_state().data(), parameters.data());
+    const double charge = model.charge(model.default_state().data(), parameters.data());
     const auto cycle = [&](LimitCycleMethod method, std::vector<double> start, int& beats) {
       PacedCell cell(model, parameters, protocol, integrator);
       LimitCycleSettings settings;
@@ -201,7 +201,7 @@ TEST_CASE("cycles from the published start: few beats, one cycle by every method
     PacedCell cell(model, parameters, protocol, integrator);
     for (int beat = 0; beat < 5; ++beat) {
       cell.beat(paced);
-      model.hold_invariant(paced.data(), parameters.data(), charge);
+      model.hold_invariants(paced.data(), parameters.data(), {charge});
     }
     CHECK(same(paced) < 2e-6);
     // Other starts on the same leaf lead to the same cycle, another charge to another.
@@ -209,12 +209,12 @@ TEST_CASE("cycles from the published start: few beats, one cycle by every method
     for (double sign : {1.0, -1.0}) {
       std::vector<double> start = model.default_state();
       start[Na] += sign * c.Na_shift;
-      model.hold_invariant(start.data(), parameters.data(), charge);
+      model.hold_invariants(start.data(), parameters.data(), {charge});
       CHECK(same(cycle(LimitCycleMethod::anderson, start, beats)) < 1e-5);
     }
     std::vector<double> start = model.default_state();
     start[require_index(model.states, "state", c.store)] += c.Ca_shift;
-    model.hold_invariant(start.data(), parameters.data(), charge);
+    model.hold_invariants(start.data(), parameters.data(), {charge});
     CHECK(same(cycle(LimitCycleMethod::anderson, start, beats)) < 1e-5);
     start = model.default_state();
     start[Na] += 1;  // and its charge

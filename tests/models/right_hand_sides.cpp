@@ -4,11 +4,11 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <limits>
+#include <random>
 #include <set>
 #include <wiggers/cellmodels/catalogue/catalogue.hpp>
-#include <wiggers/cellmodels/models/crn.hpp>
+#include <wiggers/cellmodels/models/ionic_models.hpp>
 #include <wiggers/cellmodels/models/rdq20.hpp>
-#include <wiggers/cellmodels/models/ttp06.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
 
@@ -126,7 +126,7 @@ TEST_CASE("exact Jacobians agree with differences") {
     std::vector<double> y = model->default_state();
     if (!model->is_ionic())
       for (int i = 0; i < 16; ++i) y[i] = 0.04 + 0.0025 * i;  // inside the simplex, no symmetry
-    if (model->is_ionic()) y[model->membrane_potential] = -22.3;
+    if (model->is_ionic()) y[static_cast<std::size_t>(model->membrane_potential)] = -22.3;
     const std::size_t n = y.size();
     std::vector<double> in;
     for (const Quantity& q : model->inputs) in.push_back(q.default_value);
@@ -152,36 +152,59 @@ TEST_CASE("exact Jacobians agree with differences") {
 }
 
 namespace {
-// d(invariant)/dt along the flow, over the largest of its terms.
+// The largest d(invariant)/dt along the flow, over the largest of its terms; and how far the slope by the
+// balancing state is from the derivative.
 template <class Model>
-double invariant_rate(const Table& table, std::size_t row) {
+std::pair<double, double> invariants_along(const std::vector<double>& at, const std::vector<double>& in) {
   using D = Dual<static_cast<int>(Model::states.size())>;
-  const CellModel& model = find_model(Model::name);
-  const Row r = row_of(model, table, row);
   const auto parameters = defaults_of(Model::parameters);
-  std::vector<double> rates(r.y.size());
-  model.evaluate(r.y.data(), r.in.data(), parameters.data(), rates.data(), nullptr);
+  const auto constants = Model::constants(parameters.data());
+  std::vector<double> rates(at.size());
+  find_model(Model::name).evaluate(at.data(), in.data(), parameters.data(), rates.data(), nullptr);
   std::vector<D> y;
-  for (std::size_t i = 0; i < r.y.size(); ++i) y.push_back(D::variable(r.y[i], static_cast<int>(i)));
-  const D Q = Model::invariant(y.data(), Model::constants(parameters.data()));
-  double sum = 0, largest = 0;
-  for (std::size_t i = 0; i < r.y.size(); ++i) {
-    sum += Q.derivative[i] * rates[i];
-    largest = std::max(largest, std::abs(Q.derivative[i] * rates[i]));
+  for (std::size_t i = 0; i < at.size(); ++i) y.push_back(D::variable(at[i], static_cast<int>(i)));
+  const auto values = Model::invariant_values(y.data(), constants);
+  const auto slopes = Model::invariant_slopes(constants);
+  double worst = 0, wrong_slope = 0;
+  for (std::size_t k = 0; k < Model::invariants.size(); ++k) {
+    double sum = 0, largest = 1e-300;
+    for (std::size_t i = 0; i < at.size(); ++i) {
+      sum += values[k].derivative[i] * rates[i];
+      largest = std::max(largest, std::abs(values[k].derivative[i] * rates[i]));
+    }
+    worst = std::max(worst, std::abs(sum) / largest);
+    const double slope = values[k].derivative[static_cast<std::size_t>(Model::invariants[k].balance)];
+    wrong_slope = std::max(wrong_slope, std::abs(slopes[k] / slope - 1));
   }
-  return std::abs(sum) / largest;
+  return {worst, wrong_slope};
 }
 }  // namespace
 
-TEST_CASE("charge is an exact invariant of the equations, with and without stimulus") {
-  const Table crn = data_table("cell/crn_rhs.csv"), endo = data_table("cell/ttp06_endo_rhs.csv"),
-              mid = data_table("cell/ttp06_mid_rhs.csv"), epi = data_table("cell/ttp06_epi_rhs.csv");
-  for (std::size_t k = 0; k < crn.n_rows(); ++k) CHECK(invariant_rate<Crn>(crn, k) < 1e-13);
-  for (std::size_t k = 0; k < endo.n_rows(); ++k) {
-    CHECK(invariant_rate<Ttp06<Ttp06Type::endo>>(endo, k) < 1e-13);
-    CHECK(invariant_rate<Ttp06<Ttp06Type::mid>>(mid, k) < 1e-13);
-    CHECK(invariant_rate<Ttp06<Ttp06Type::epi>>(epi, k) < 1e-13);
-  }
+TEST_CASE("invariants are exact, with and without stimulus") {
+  std::mt19937 random(11);
+  std::uniform_real_distribution<double> unit(0.02, 0.98);
+  int n_models = 0;
+  const auto check = [&]<class Model>() {
+    for (int draw = 0; draw < 40; ++draw) {
+      std::vector<double> y, in;
+      for (const Quantity& q : Model::states)
+        y.push_back(q.unit == "mV"   ? -95 + 150 * unit(random)
+                    : q.unit == "mM" ? q.default_value * (0.5 + unit(random))
+                                     : unit(random));
+      for (const Quantity& q : Model::inputs)
+        in.push_back(q.role == Role::stimulus ? (draw % 2 ? -30.0 : 0.0) : q.default_value);
+      const auto [rate, slope] = invariants_along<Model>(y, in);
+      INFO(Model::name << " draw " << draw);
+      CHECK(rate < 1e-13);
+      CHECK(slope < 1e-12);
+    }
+    ++n_models;
+  };
+  IonicModels::each([&]<class Model>() {
+    if constexpr (HasInvariants<Model>) check.template operator()<Model>();
+  });
+  check.template operator()<Rdq20>();
+  CHECK(n_models >= 5);
 }
 
 TEST_CASE("right-hand sides are finite at every corner of the state space") {

@@ -348,7 +348,7 @@ def test_certificate_of_a_cell_and_monolithic_run(wiggers, tmp_path):
     cycle = json.loads(outcome.out.splitlines()[-1])["limit_cycle"]
     assert cycle["verdict"] == "period-1" and cycle["distance"] <= 1e-6 and cycle["beats"] <= 40
     assert 0.99 < cycle["multiplier"] < 1
-    assert cycle["invariant_mV"] != 0 and abs(cycle["invariant_drift_mV"]) > 0
+    assert cycle["charge_mV"] != 0 and abs(cycle["charge_drift_mV"]) > 0
     assert 1e-5 < cycle["integrator_shift"] < 0.1
     outcome = wiggers("run", SCENES / "whole_heart.toml", "--monolithic", "--quiet", "-o", "beat.csv")
     assert outcome.status == 0 and "monolithic by CVODE" in outcome.out

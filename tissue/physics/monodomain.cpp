@@ -154,6 +154,10 @@ struct Monodomain::Implementation {
     return values;
   }
 
+  double table_spacing(const CellModel& model) const {
+    return model.has_voltage_table ? settings.table_spacing_mV : 0;
+  }
+
   const std::vector<QuadraturePoint<4>>& current_rule() const {
     return tetrahedron_quadrature(settings.order == 1 ? 2 : 5);
   }
@@ -181,7 +185,7 @@ struct Monodomain::Implementation {
         if (!region.at_points) {
           PopulationSettings population;
           population.integrator = "bdf2-imex";
-          population.table_spacing_mV = settings.table_spacing_mV;
+          population.table_spacing_mV = table_spacing(*region.plan.model);
           region.at_points = std::make_unique<CellPopulation>(*region.plan.model, n_points, population,
                                                               region.plan.parameters);
           region.point_states.resize(n_points * n_states);
@@ -349,7 +353,7 @@ Monodomain::Monodomain(const Partition& partition, const FibreField* fibres, Mon
     if (!region.nodes.empty()) {
       PopulationSettings population;
       population.integrator = "bdf2-imex";
-      population.table_spacing_mV = settings.table_spacing_mV;
+      population.table_spacing_mV = me.table_spacing(*regions[r].model);
       region.cells = std::make_unique<CellPopulation>(*regions[r].model, region.nodes.size(), population,
                                                       regions[r].parameters);
       std::vector<double> states;
@@ -448,7 +452,8 @@ std::vector<double> Monodomain::state(std::string_view name) const {
 
 std::vector<double> Monodomain::calcium_uM() const {
   std::vector<double> values = me_->read_states([](const CellModel& model) {
-    return model.states[static_cast<std::size_t>(model.cytosolic_calcium)].name;
+    return model.has_calcium() ? model.states[static_cast<std::size_t>(model.cytosolic_calcium)].name
+                               : std::string_view{};
   });
   for (double& value : values) value *= units::uM_per_mM;
   return values;

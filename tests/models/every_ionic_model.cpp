@@ -1,0 +1,182 @@
+// What every ionic model of the list must do, without a line about it: a new model is tested by being listed.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <catch2/catch.hpp>
+#include <cmath>
+#include <random>
+#include <wiggers/cellmodels/models/ionic_models.hpp>
+#include <wiggers/cellmodels/pacing/cell_study.hpp>
+#include <wiggers/cellmodels/population/population.hpp>
+#include <wiggers/core/fixed_step.hpp>
+
+using namespace wiggers;
+
+namespace {
+
+template <class Test>
+void with_every_model(Test test) {
+  int n = 0;
+  IonicModels::each([&]<class Model>() {
+    INFO(Model::name);
+    test.template operator()<Model>(find_model(Model::name));
+    ++n;
+  });
+  CHECK(n >= 4);
+}
+
+std::vector<double> random_state(const CellModel& model, std::mt19937& random) {
+  std::uniform_real_distribution<double> unit(0.02, 0.98);
+  std::vector<double> y;
+  for (const Quantity& q : model.states)
+    y.push_back(q.unit == "mV"   ? -95 + 150 * unit(random)
+                : q.unit == "mM" ? q.default_value * (0.5 + unit(random))
+                                 : unit(random));
+  return y;
+}
+
+// Differences of states in the limit cycle's scales.
+double distance(const CellModel& model, const std::vector<double>& a, const std::vector<double>& b) {
+  double largest = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const double scale = static_cast<int>(i) == model.membrane_potential ? 10 : std::abs(b[i]) + 1e-3;
+    largest = std::max(largest, std::abs(a[i] - b[i]) / scale);
+  }
+  return largest;
+}
+
+}  // namespace
+
+TEST_CASE("every ionic model: SIMD lanes take the scalar step, with tables nearly so") {
+  with_every_model([&]<class Model>(const CellModel& model) {
+    std::mt19937 random(5);
+    const auto parameters = defaults_of(Model::parameters);
+    const auto constants = Model::constants(parameters.data());
+    const double h = 0.01, stimulus[1] = {-20};
+    for (const bool second : {false, true})
+      for (const double spacing : {0.0, 0.01}) {
+        if (spacing > 0 && !model.has_voltage_table) continue;
+        PopulationSettings settings;
+        settings.integrator = second ? "rush-larsen-2" : "rush-larsen";
+        settings.table_spacing_mV = spacing;
+        CellPopulation cells(model, 19, settings);
+        cells.set_input("i_stim", stimulus[0]);
+        std::vector<std::vector<double>> wanted;
+        for (std::size_t cell = 0; cell < cells.size(); ++cell) {
+          std::vector<double> y = random_state(model, random);
+          cells.set_state_of(cell, y);
+          if (second)
+            RushLarsen2<Model, double>().step(h, y.data(), stimulus, constants);
+          else
+            RushLarsen1<Model, double>().step(h, y.data(), stimulus, constants);
+          wanted.push_back(y);
+        }
+        cells.step(h);
+        for (std::size_t cell = 0; cell < cells.size(); ++cell) {
+          INFO("cell " << cell << " second " << second << " spacing " << spacing);
+          CHECK(distance(model, cells.state_of(cell), wanted[cell]) < (spacing > 0 ? 1e-5 : 1e-12));
+        }
+      }
+  });
+}
+
+TEST_CASE("every ionic model: the tissue's step gives the rate of the potential and second order") {
+  with_every_model([&]<class Model>(const CellModel& model) {
+    const auto V = static_cast<std::size_t>(model.membrane_potential);
+    // No change of the potential: the step then solves the other states alone.
+    const auto state_after = [&](double h, double span) {
+      PopulationSettings settings;
+      settings.integrator = "bdf2-imex";
+      CellPopulation cells(model, 1, settings);
+      std::vector<double> rate(1), y = model.default_state();
+      const std::vector<double> clamp = {-20};
+      y[V] = clamp[0];
+      cells.assign_states(0, y);
+      cells.assign_states(1, y);
+      const auto steps = std::lround(span / h);
+      for (long k = 0; k < steps; ++k) cells.step_under(clamp, h, k == 0, rate);
+      return cells.state_of(0);
+    };
+    std::vector<double> rates(model.states.size());
+    const auto parameters = model.parameter_values("default");
+    const double none[1] = {0};
+    PopulationSettings settings;
+    settings.integrator = "bdf2-imex";
+    CellPopulation cells(model, 1, settings);
+    std::vector<double> rate(1), y = model.default_state();
+    cells.step_under({&y[V], 1}, 1e-12, true, rate);
+    model.evaluate(y.data(), none, parameters.data(), rates.data(), nullptr);
+    CHECK(rate[0] == Approx(rates[V]).epsilon(1e-6).margin(1e-9));
+    const auto coarse = state_after(0.02, 1), fine = state_after(0.01, 1), exact = state_after(0.00125, 1);
+    const double e1 = distance(model, coarse, exact), e2 = distance(model, fine, exact);
+    INFO("errors " << e1 << " " << e2);
+    CHECK((e1 < 1e-9 || e1 / e2 > 3));
+  });
+}
+
+TEST_CASE("every ionic model: all integrators agree on a beat") {
+  with_every_model([&]<class Model>(const CellModel& model) {
+    const auto beat = [&](const std::string& name, double dt_ms) {
+      PacedCell cell(model, model.parameter_values("default"), {400, model.default_stimulus},
+                     {name, 1e-7, 1e-9, dt_ms});
+      std::vector<double> state = model.default_state();
+      cell.beat(state);
+      return state;
+    };
+    const auto exact = beat("cvode", 0);
+    CHECK(distance(model, beat("rosenbrock", 0), exact) < 1e-4);
+    for (std::string_view name : fixed_step_integrators()) {
+      const bool crude = name == "forward-euler";  // the fastest gates need steps of a few us
+      INFO(name);
+      CHECK(distance(model, beat(std::string(name), crude ? 0.0005 : 0.005), exact) < 0.05);
+    }
+  });
+}
+
+TEST_CASE("every ionic model: a limit cycle and its derivatives") {
+  with_every_model([&]<class Model>(const CellModel& model) {
+    CellStudy study = make_cell_study(model);
+    study.dt_ms = 0.05;
+    LimitCycleSettings settings;
+    settings.distance = 1e-5;
+    std::vector<double> state = start_of(study);
+    const auto certificate = to_limit_cycle(study, state, settings);
+    INFO(certificate.text() << " " << certificate.reason);
+    REQUIRE(certificate.good());
+    state = refined_limit_cycle(study, state, newton_at(study, state));
+    const Sensitivities table = cell_sensitivities(study, state);
+    const auto index = [](const std::vector<std::string>& names, std::string_view name) {
+      return static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
+    };
+    const std::size_t apd = index(table.outputs, "APD90_ms"), m = table.parameters.size();
+    REQUIRE(apd < table.outputs.size());
+    const auto parameter_value = [&](std::size_t p) {
+      for (const NamedParameter& named : cell_study_parameters(study))
+        if (named.name == table.parameters[p]) return named.value;
+      return 0.0;
+    };
+    // By the period, and by the parameter of the largest elasticity.
+    std::size_t largest = 0;
+    const auto elasticity = [&](std::size_t p) {
+      return std::abs(table.derivatives[apd * m + p] * parameter_value(p));
+    };
+    for (std::size_t p = 0; p < m; ++p)
+      if (elasticity(p) > elasticity(largest)) largest = p;
+    for (std::size_t p : {largest, index(table.parameters, "period_ms")}) {
+      const double value = parameter_value(p), step = 2e-4 * value;
+      double ends[2];
+      for (int side = 0; side < 2; ++side) {
+        CellStudy moved = study;
+        set_cell_study_parameter(moved, table.parameters[p], value + (side == 0 ? -step : step));
+        const auto at = refined_limit_cycle(moved, state, newton_at(moved, state));
+        const auto indexes = cell_indexes(moved, refined_limit_cycle(moved, at, newton_at(moved, at)));
+        ends[side] = std::find_if(indexes.begin(), indexes.end(), [](const NamedValue& v) {
+                       return v.name == "APD90_ms";
+                     })->value;
+      }
+      INFO(table.parameters[p]);
+      CHECK(table.derivatives[apd * m + p] ==
+            Approx((ends[1] - ends[0]) / (2 * step)).epsilon(2e-3).margin(1e-6));
+    }
+  });
+}
