@@ -202,3 +202,58 @@ TEST_CASE("small irregular beats around a cycle that they leave are no cycle") {
     CHECK(!found.reason.empty());
   }
 }
+
+TEST_CASE("what is known of the slowest direction counts before a search has a model of the map") {
+  LimitCycleSettings settings;
+  settings.distance = 1e-4;
+  settings.plain_beats = 5;
+  settings.known_multiplier = 0.995;
+  LimitCycleSearch search(settings, {1});
+  std::vector<double> x = {1e-3};
+  while (search.running()) x = search.next(x, {0.995 * x[0]});
+  CHECK(search.certificate().good());
+  CHECK(x[0] <= 1e-4);
+}
+
+TEST_CASE("where the slowest direction is known no differences are waited for") {
+  int beats[2];
+  for (bool known : {false, true}) {
+    LimitCycleSettings settings;
+    settings.method = LimitCycleMethod::pacing;
+    settings.distance = 1e-3;
+    settings.fewest_differences = 8;
+    settings.known_multiplier = known ? 0.5 : 0;
+    LimitCycleSearch search(settings, {1});
+    std::vector<double> x = {1e-3};
+    while (search.running()) x = search.next(x, {0.5 * x[0]});
+    CHECK(search.certificate().good());
+    beats[known] = search.certificate().beats;
+  }
+  CHECK(beats[true] == 3);
+  CHECK(beats[false] > 5);
+}
+
+TEST_CASE("a search for the attractor that pacing reaches uses what is known of the slowest direction") {
+  const std::vector<double> multipliers = {0.7, 0.5, -0.3, 0.2, 0.1};
+  BeatMap map;
+  map.scales.assign(multipliers.size(), 1);
+  map.beat = [&](const std::vector<double>& x) {
+    std::vector<double> image = x;
+    for (std::size_t i = 0; i < x.size(); ++i) image[i] *= multipliers[i];
+    return image;
+  };
+  map.admit = [](std::vector<double>&) {};
+  int beats[2];
+  for (bool known : {false, true}) {
+    LimitCycleSettings settings;
+    settings.attractor = Attractor::paced;
+    settings.distance = 1e-2;
+    settings.known_multiplier = known ? 0.7 : 0;
+    std::vector<double> x = {1e-2, 1e-2, 2e-2, -3e-2, 1e-2};
+    const LimitCycleCertificate found = find_limit_cycle(map, settings, x);
+    CHECK(found.good());
+    CHECK(std::abs(x[0]) <= 1e-2);
+    beats[known] = found.beats;
+  }
+  CHECK(beats[true] < beats[false]);
+}
