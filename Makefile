@@ -104,7 +104,7 @@ nightly: tissue
 	@cmake --preset minimal && cmake --build build-minimal -j $(JOBS) && ctest --test-dir build-minimal --output-on-failure -j $(JOBS)
 	@$(MAKE) --no-print-directory test
 	@$(PYTHON) docs/make_cell_cycles.py $(BUILD)/wiggers --check 20
-	@for s in crn ttp06-endo ttp06-mid ttp06-epi rdq20 loop scenes/whole_heart.toml scenes/triseg.toml; do \
+	@for s in $$($(BUILD)/wiggers models --names | grep -v circulation) loop scenes/whole_heart.toml scenes/triseg.toml; do \
 	  echo "extremes of $$s"; $(BUILD)/wiggers extremes $$s --quiet > $(BUILD)/extremes.log || { cat $(BUILD)/extremes.log; exit 1; }; done
 	@for seed in 2 3 4; do for s in crn ttp06-epi rdq20 loop; do \
 	  $(BUILD)/wiggers extremes $$s --quiet --beats 1 --seed $$seed > $(BUILD)/extremes.log || { cat $(BUILD)/extremes.log; exit 1; }; done; done
@@ -165,7 +165,7 @@ cell-cycles: build
 
 reference: build
 	@mkdir -p docs/reference
-	@for m in crn ttp06-endo ttp06-mid ttp06-epi rdq20 circulation; do \
+	@for m in $$($(BUILD)/wiggers models --names); do \
 	  { $(BUILD)/wiggers models $$m; if [ $$m = circulation ]; then $(BUILD)/wiggers models $$m --sets; fi; } > docs/reference/$$m.txt; done
 
 SOURCES := $(shell git ls-files '*.cpp' '*.hpp' 2>/dev/null)

@@ -30,9 +30,14 @@ struct CellModelOfPython {
 // Every index a cell can have; those of the start's states after them.
 std::pair<std::vector<std::string>, std::vector<std::string>> cell_index_names(const CellModel& model) {
   std::pair<std::vector<std::string>, std::vector<std::string>> list{
-      {"APD90_ms", "APD50_ms", "V_rest_mV", "V_peak_mV", "V_min_mV", "dVdt_max_mV_per_ms",
-       "calcium_diastolic_uM", "calcium_peak_uM", "calcium_amplitude_uM", "calcium_time_to_peak_ms"},
-      {"ms", "ms", "mV", "mV", "mV", "mV/ms", "uM", "uM", "uM", "ms"}};
+      {"APD90_ms", "APD50_ms", "V_rest_mV", "V_peak_mV", "V_min_mV", "dVdt_max_mV_per_ms"},
+      {"ms", "ms", "mV", "mV", "mV", "mV/ms"}};
+  if (model.has_calcium()) {
+    for (const char* name :
+         {"calcium_diastolic_uM", "calcium_peak_uM", "calcium_amplitude_uM", "calcium_time_to_peak_ms"})
+      list.first.emplace_back(name);
+    for (const char* unit : {"uM", "uM", "uM", "ms"}) list.second.emplace_back(unit);
+  }
   for (const Quantity& q : model.states) {
     list.first.push_back(fmt::format("start.{}", q.name));
     list.second.emplace_back(q.unit);
@@ -45,12 +50,15 @@ std::pair<std::vector<std::string>, std::vector<std::string>> cell_index_names(c
 void bind_cell(py::module_& m) {
   m.def(
       "models",
-      [] {
+      [](const std::string& kind) {
         std::vector<std::string> names;
-        for (const CellModel* model : catalogue()) names.emplace_back(model->name);
+        if (kind != "ionic" && kind != "force" && kind != "all")
+          refuse_unknown("kind of models", kind, std::vector<std::string>{"all", "ionic", "force"});
+        for (const CellModel* model : catalogue())
+          if (kind == "all" || (kind == "ionic") == model->is_ionic()) names.emplace_back(model->name);
         return names;
       },
-      "Names of the cell and force models.");
+      "Names of the models: kind \"ionic\", \"force\" or \"all\".", py::arg("kind") = "all");
 
   py::class_<CellModelOfPython>(m, "CellModel")
       .def(py::init([](const std::string& model, const std::string& set) {

@@ -11,7 +11,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-MODELS = ("crn", "ttp06-endo", "ttp06-mid", "ttp06-epi")
 BLOCKS = {"none": None, "half of g_Kr": ("g_Kr", 0.5), "half of g_CaL": ("g_CaL", 0.5)}
 PERIODS = sorted({round(250 * 8 ** (k / 29) / 5) * 5 for k in range(30)})
 
@@ -26,6 +25,12 @@ def defaults(command, model):
             if words and words[0] == name:
                 values[name] = float(next(w for w in words[1:] if _is_number(w)))
     return values
+
+
+def models(command):
+    """The models that have the currents to be blocked."""
+    names = subprocess.run([command, "models", "--names"], capture_output=True, text=True, check=True).stdout.split()
+    return {name: found for name in names if len(found := defaults(command, name)) == 2}
 
 
 def _is_number(word):
@@ -106,7 +111,7 @@ def largest_difference(certified, beats):
 
 def check(options, known):
     """Rows that do not agree with plain pacing."""
-    rows = [(m, p, b) for m in MODELS for p in options.periods for b in BLOCKS]
+    rows = [(m, p, b) for m in known for p in options.periods for b in BLOCKS]
     wrong = 0
     for model, period, block in random.Random(options.seed).sample(rows, min(options.check, len(rows))):
         change = (BLOCKS[block][0], BLOCKS[block][1] * known[model][BLOCKS[block][0]]) if BLOCKS[block] else None
@@ -138,7 +143,7 @@ def main():
     parser.add_argument("--seed", type=int, default=1, help="of the rows drawn")
     parser.add_argument("--beats", type=int, default=2000, help="of plain pacing; four times as many for crn")
     options = parser.parse_args()
-    known = {model: defaults(options.command, model) for model in MODELS}
+    known = models(options.command)
     if options.check:
         sys.exit(1 if check(options, known) else 0)
     if not options.page:
@@ -150,7 +155,7 @@ def main():
            "cycle of up to 8 beats within 4000, and what the beats do instead; most of these cells miss a calcium release now and then.",
            "`python docs/make_cell_cycles.py build/wiggers --check 20` compares rows with plain pacing of 2000 beats, crn, which is slower, of 8000.", ""]
     verdicts = {}
-    for model in MODELS:
+    for model in known:
         out += [f"## {model}", "", "| period, ms | " + " | ".join(BLOCKS) + " |", "|" + "---|" * (len(BLOCKS) + 1)]
         for period in options.periods:
             cells = []

@@ -37,19 +37,25 @@ void print_sets(const CellModel& model) {
 void add_models(CLI::App& app) {
   struct Options {
     std::string name;
-    bool sets = false;
+    bool sets = false, names = false;
   };
   auto o = std::make_shared<Options>();
   CLI::App* verb =
       app.add_subcommand("models", "List models; states, parameters, units, ranges and sources of one");
   verb->add_option("name", o->name, "model, or circulation");
   verb->add_flag("--sets", o->sets, "list the parameter sets");
+  verb->add_flag("--names", o->names, "only the names, one a line");
   verb->callback([o] {
+    if (o->names) {
+      for (const CellModel* model : catalogue()) fmt::print("{}\n", model->name);
+      fmt::print("circulation\n");
+      return;
+    }
     if (o->name.empty()) {
       for (const CellModel* model : catalogue())
-        fmt::print("{:<12} {:>2} states, {:>2} parameters   {}\n", model->name, model->states.size(),
+        fmt::print("{:<14} {:>2} states, {:>2} parameters   {}\n", model->name, model->states.size(),
                    model->parameters.size(), model->title);
-      fmt::print("{:<12} {:>2} states                   closed RLC loop, four valves, elastance chambers\n",
+      fmt::print("{:<14} {:>2} states                   closed RLC loop, four valves, elastance chambers\n",
                  "circulation", circulation_state_quantities.size());
       if (o->sets)
         for (const CellModel* model : catalogue()) print_sets(*model);

@@ -270,9 +270,10 @@ struct Strip {
     s.duration_s = 2e-3;
     return s;
   }
-  explicit Strip(bool with_plug = false)
+  explicit Strip(std::string_view model = "ttp06-epi", bool with_plug = false)
       : partition(shared(mesh(with_plug)), MPI_COMM_SELF),
-        monodomain(partition, nullptr, {}, {region_of({1.5e-4, 0.5e-4, 0.5e-4})}, {stimulus()}) {}
+        monodomain(partition, nullptr, {},
+                   {region_of({1.5e-4, 0.5e-4, 0.5e-4}, {mesh_tags::ventricles}, model)}, {stimulus()}) {}
 };
 
 }  // namespace
@@ -305,6 +306,24 @@ TEST_CASE("excitation runs along a strip in order") {
   strip.monodomain.forget_activation();
   CHECK(*std::max_element(strip.monodomain.activation_s().begin(), strip.monodomain.activation_s().end()) <
         0);
+}
+
+TEST_CASE("every ionic model conducts") {
+  int n_models = 0;
+  for (const CellModel* model : catalogue()) {
+    if (!model->is_ionic()) continue;
+    ++n_models;
+    INFO(model->name);
+    Strip strip(model->name);
+    strip.monodomain.advance(0, 40e-3);
+    const NodeSpace& space = strip.monodomain.nodes();
+    for (int k = 0; k < space.n_own; ++k) REQUIRE(strip.monodomain.activation_s()[k] >= 0);
+    CHECK(*std::max_element(strip.monodomain.activation_s().begin(), strip.monodomain.activation_s().end()) >
+          5e-3);
+    const bool rises = largest(strip.monodomain.calcium_uM()) > 0;
+    CHECK(rises == model->has_calcium());
+  }
+  CHECK(n_models >= 4);
 }
 
 TEST_CASE("currents interpolated and currents of interpolated states come to the same limit") {
@@ -344,7 +363,7 @@ TEST_CASE("currents interpolated and currents of interpolated states come to the
 }
 
 TEST_CASE("nothing of the excitation is in tissue that does not conduct") {
-  Strip strip(true);
+  Strip strip("ttp06-epi", true);
   const NodeSpace& space = strip.monodomain.nodes();
   CHECK(space.n_global < strip.partition.make_nodes(2, false).n_global);
   for (const Point3& p : space.points) CHECK(p[0] < 7.3e-3);
