@@ -140,7 +140,7 @@ def test_a_cell_full_of_calcium_is_unphysical(wiggers):
         assert "unphysical" in outcome.err and "no living cell" in outcome.err
 
 
-def test_a_heart_that_hardly_ejects_says_so_beside_its_verdict(wiggers):
+def test_a_heart_that_hardly_ejects_says_so_beside_its_verdict(wiggers, loop_file):
     weak = wiggers("run", SCENES / "elastance_healthy.toml", "--set", "walls.LV.EA=0.01", "--quiet", "--json")
     assert weak.status == 0, weak.err
     cycle = last_json(weak)["limit_cycle"]
@@ -150,6 +150,17 @@ def test_a_heart_that_hardly_ejects_says_so_beside_its_verdict(wiggers):
     healthy = wiggers("run", SCENES / "elastance_healthy.toml", "--quiet", "--json")
     assert "warnings" not in last_json(healthy)["limit_cycle"]
     assert "with warnings" not in healthy.out
+    together = wiggers("run", SCENES / "elastance_healthy.toml", "--set", "walls.LV.EA=0.01", "--monolithic", "--quiet")
+    assert together.status == 0, together.err
+    assert "limit cycle: period-1, with warnings: LV" in together.out
+    file = loop_file("[elastance.LV]\nEA = 0.01\n")
+    loop = wiggers("loop", file, "--until", "limit-cycle", "--quiet", "--json")
+    assert loop.status == 0, loop.err
+    assert "period-1, with warnings: LV" in loop.out
+    # Beside any number of beats too.
+    few = wiggers("loop", file, "--beats", "20", "--quiet", "--json")
+    for outcome in (loop, few):
+        assert any("LV" in warning and "eject" in warning for warning in last_json(outcome)["warnings"])
 
 
 @pytest.mark.parametrize("words, other, name", [

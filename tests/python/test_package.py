@@ -713,4 +713,8 @@ def test_cells_and_hearts_that_cannot_be_good_say_so_in_python():
     assert cycle.certificate.converged and cycle.certificate.verdict == "period-1"
     assert "period-1, with warnings: LV" in repr(cycle.certificate)
     assert "LV" in loop.batch({"elastance.LV.EA": [0.01]}).notes[0]
+    heart = wiggers.Heart(SCENE, set={"walls.LV.EA": 0.01})
+    assert "period-1, with warnings: LV" in repr(heart.to_limit_cycle().certificate)
+    notes = wiggers.Heart(SCENE).batch({"walls.LV.EA": [0.01, 2.75]}).notes
+    assert "LV" in notes[0] and notes[1] == ""
     assert pickle.loads(pickle.dumps(cycle.certificate)) == cycle.certificate
