@@ -19,6 +19,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import COMMAND, ROOT, SCENES, Outcome
+from killing import reseal
 
 sys.path.insert(0, str(ROOT / "heart" / "report"))
 
@@ -236,6 +237,22 @@ def test_a_finished_run_goes_on_and_elsewhere(tmp_path):
     assert outcome.status == 0, outcome.err
     assert frames(tmp_path / "r.h5")[0] == pytest.approx(np.arange(41) * 0.01, abs=1e-9)
     same_bits(tmp_path / "r.h5", tmp_path / "s.h5")
+
+
+def test_a_beat_under_way_of_other_blood_is_not_resumed(tmp_path):
+    """The blood that the beat began with, and V_LA where it began: each is looked at by itself."""
+    result = struck(tmp_path, signal.SIGINT, 1, [*COARSE, *TIGHT], beyond_s=0.02)
+    entry = "checkpoint/beat_under_way"
+    with h5py.File(result) as file:
+        as_it_was = file[entry][()]
+    for number in (1, 11):
+        with h5py.File(result, "a") as file:
+            file[entry][...] = as_it_was
+            file[entry][number] += 5.0  # mL
+            reseal(file, entry)
+        outcome = run("run", SCENE, *COARSE, *TIGHT, "--resume", result)
+        assert outcome.status == 2, (number, outcome.out)
+        assert f"/{entry}" in outcome.err and "mL of blood" in outcome.err, (number, outcome.err)
 
 
 def test_another_scene_is_not_resumed(tmp_path, undisturbed):
