@@ -7,7 +7,9 @@
 #include <random>
 #include <wiggers/cellmodels/models/ionic_models.hpp>
 #include <wiggers/cellmodels/pacing/cell_study.hpp>
+#include <wiggers/cellmodels/pacing/paced_beat.hpp>
 #include <wiggers/cellmodels/population/population.hpp>
+#include <wiggers/cellmodels/schemes/rosenbrock.hpp>
 #include <wiggers/core/fixed_step.hpp>
 
 using namespace wiggers;
@@ -46,6 +48,62 @@ double distance(const CellModel& model, const std::vector<double>& a, const std:
 }
 
 }  // namespace
+
+namespace {
+// The potential rises at a speed that jumps at two potentials: what becomes of it is known.
+struct Stairs {
+  static constexpr std::string_view name = "stairs", title = "a test", source = "none", time_unit = "ms";
+  static constexpr StimulusPulse default_stimulus{};
+  enum State { ticks, V };  // the potential is not the first state
+  static constexpr std::array states = {Quantity{"ticks", "1", 0, -1e9, 1e9, "time"},
+                                        facts::membrane_potential(-80)};
+  static_assert(named_as<State>(states));
+  static constexpr std::array parameters = {Quantity{"speed", "mV/ms", 2, 0, 10, "below the first"}};
+  static constexpr std::array inputs = {facts::stimulus};
+  static constexpr std::array observables = {facts::output("rise", "mV/ms", "speed of the potential")};
+  static constexpr std::array parameter_sets = {ParameterSet{"default", "none", "1"}};
+  static constexpr std::array branch_potentials = {-50.0, -20.0};
+  static constexpr std::string_view no_invariants = "a test";
+  template <class P>
+  struct Constants {
+    P speed;
+    P branch[2];
+  };
+  template <class P>
+  static Constants<P> constants(const P* p) {
+    return {p[0], {P(branch_potentials[0]), P(branch_potentials[1])}};
+  }
+  template <class N, class P>
+  static Evaluation<N, 2, 1> evaluate(const N* y, const N*, const Constants<P>& c) {
+    Evaluation<N, 2, 1> e;
+    const N above = select(y[V] < c.branch[1], N(10.0), N(5.0));
+    e.derivative[V] = select(y[V] < c.branch[0], N(c.speed), above);
+    e.derivative[ticks] = 1.0;
+    e.observable = {e.derivative[V]};
+    return e;
+  }
+};
+static_assert(require_ionic_model<Stairs>());
+}  // namespace
+
+TEST_CASE("rates that jump at several potentials are kept to their intervals") {
+  const std::vector<double> parameters = {2};
+  // 15 ms to -50 mV, 3 ms to -20 mV, 2 ms more.
+  const double none[1] = {0};
+  double y[2] = {0, -80};
+  Rosenbrock4<Stairs>(Stairs::constants(parameters.data()), 1e-8, {1e-10, 1e-10}).advance(20, y, none);
+  CHECK(y[Stairs::V] == Approx(-10).margin(1e-7));
+  CHECK(y[Stairs::ticks] == Approx(20).margin(1e-9));
+  // One step over both; and the end moves by what the crossing of the first does.
+  PacedBeatInputs<Tangent> in;
+  in.parameters = {2.0};
+  in.parameters[0].derivative[0] = 1;
+  in.period_ms = 20.0;
+  Tangent z[2] = {0.0, -80.0};
+  PacedBeat<Stairs, Tangent>(in, 0, 20, false).run(z, [](const Tangent&, const Tangent*) {});
+  CHECK(z[Stairs::V].value == Approx(-10).margin(1e-9));
+  CHECK(z[Stairs::V].derivative[0] == Approx(5 * 30 / 4.0).epsilon(1e-9));
+}
 
 TEST_CASE("every ionic model: SIMD lanes take the scalar step, with tables nearly so") {
   with_every_model([&]<class Model>(const CellModel& model) {

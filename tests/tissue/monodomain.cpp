@@ -315,7 +315,7 @@ TEST_CASE("every ionic model conducts") {
     ++n_models;
     INFO(model->name);
     Strip strip(model->name);
-    strip.monodomain.advance(0, 40e-3);
+    strip.monodomain.advance(0, 90e-3);
     const NodeSpace& space = strip.monodomain.nodes();
     for (int k = 0; k < space.n_own; ++k) REQUIRE(strip.monodomain.activation_s()[k] >= 0);
     CHECK(*std::max_element(strip.monodomain.activation_s().begin(), strip.monodomain.activation_s().end()) >

@@ -1,0 +1,40 @@
+cmake_minimum_required(VERSION 3.25)
+# A model that forgets a part does not compile, and the compiler says which part in a sentence.
+set(folder ${CMAKE_CURRENT_BINARY_DIR}/forgetful)
+file(MAKE_DIRECTORY ${folder})
+file(READ ${ROOT}/cellmodels/models/aliev_panfilov.hpp whole)
+
+# must_say(SENTENCE PATTERN REPLACEMENT): of the smallest model with a part taken out or changed.
+function(must_say sentence pattern replacement)
+  set(text "${whole}")
+  if(NOT pattern STREQUAL "")
+    string(REGEX REPLACE "${pattern}" "${replacement}" text "${whole}")
+    if(text STREQUAL whole)
+      message(FATAL_ERROR "the model has no '${pattern}' to be taken out")
+    endif()
+  endif()
+  file(WRITE ${folder}/model.cpp "#include <wiggers/cellmodels/models/ionic_model.hpp>\n${text}\n"
+       "namespace wiggers { IonicModelList<AlievPanfilov> list; }\n")
+  execute_process(COMMAND ${COMPILER} -std=c++20 -fsyntax-only -I${INCLUDE} ${folder}/model.cpp
+                  RESULT_VARIABLE status ERROR_VARIABLE said)
+  if(sentence STREQUAL "")
+    if(NOT status EQUAL 0)
+      message(FATAL_ERROR "the whole model does not compile:\n${said}")
+    endif()
+  elseif(status EQUAL 0 OR NOT said MATCHES "${sentence}")
+    message(FATAL_ERROR "without '${pattern}' the compiler does not say '${sentence}':\n${said}")
+  endif()
+endfunction()
+
+must_say("" "" "")
+must_say("has a name, a title, a source and a time_unit" "std::string_view title" "std::string_view heading")
+must_say("has a default_stimulus" "StimulusPulse default_stimulus{-20, 2, 0}" "int default_stimulus = 0")
+must_say("is marked as the potential" "facts::membrane_potential\\(-80\\)"
+         "Quantity{\"V\", \"mV\", -80, -150, 150, \"membrane potential\"}")
+must_say("says in no_invariants why" "no_invariants" "no_invariant_at_all")
+must_say("derives Constants<P>" "static Constants<P> constants\\(const P\\* parameter\\)" "static Constants<P> derived(const P* parameter)")
+must_say("evaluates: evaluate<N>" "> evaluate\\(const N\\* y" "> assess(const N* y")
+must_say("voltage gates need voltage_gates" "Quantity{\"v\", \"1\", 0, 0, 10, \"recovery\"}" "facts::voltage_gate(\"v\", 0, \"recovery\")")
+must_say("named \"default\"|named .\"default" "ParameterSet{\"default\"" "ParameterSet{\"paper\"")
+must_say("named_as<Parameter>" "enum Parameter { k, a," "enum Parameter { a, k,")
+must_say("well_formed" "\"resting potential\"" "\"\"")
