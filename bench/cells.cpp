@@ -7,7 +7,7 @@
 #include <benchmark/benchmark.h>
 
 #include <thread>
-#include <wiggers/cellmodels/catalogue/rdq20_stepper.hpp>
+#include <wiggers/cellmodels/catalogue/force_stepper.hpp>
 #include <wiggers/cellmodels/models/crn.hpp>
 #include <wiggers/cellmodels/models/ttp06.hpp>
 #include <wiggers/cellmodels/pacing/pacing.hpp>
@@ -87,11 +87,12 @@ void scalar_libm(benchmark::State& state) {
 
 void scalar_rdq20(benchmark::State& state) {
   const CellModel& model = find_model("rdq20");
-  const Rdq20Stepper stepper(model.parameter_values("fedele2023-ventricles"));
+  const auto stepper = make_force_stepper<double>(model, model.parameter_values("fedele2023-ventricles"));
   std::vector<double> y = model.default_state();
   for (auto _ : state) {
-    const auto ru = stepper.step_regulation(y.data(), 0.6, 2.1, 1e-3, 40);
-    stepper.step_crossbridges(y.data(), ru, 0, 1e-3);
+    ForcesOf<double> forces;
+    stepper->begin({RegulationScheme::forward_euler, 40, RateScheme::lagged}, 1e-3, y.data(), 0.6, 2.1, 0,
+                   forces);
     benchmark::DoNotOptimize(y);
   }
 }

@@ -21,7 +21,8 @@ import numpy as np
 
 ROOT = Path(__file__).parent.parent
 # Costs and names of files differ, and what only one build knows.
-IGNORED = ("wall", "cost", "seconds", "_s_per_", "host", "revision", "provenance", "version", "time_s", "solver", "memory")
+IGNORED = ("wall", "cost", "seconds", "_s_per_", "host", "revision", "provenance", "version", "time_s", "solver", "memory",
+           "residual", "drift", "limit_cycle/distance")
 
 
 def run(command, words, folder):

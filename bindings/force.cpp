@@ -2,7 +2,8 @@
 
 #include <array>
 #include <wiggers/cellmodels/catalogue/catalogue.hpp>
-#include <wiggers/cellmodels/catalogue/rdq20_stepper.hpp>
+#include <wiggers/cellmodels/catalogue/force_stepper.hpp>
+#include <wiggers/cellmodels/models/facts.hpp>
 #include <wiggers/core/cvode.hpp>
 
 #include "common.hpp"
@@ -11,8 +12,8 @@ namespace wiggers::python {
 
 namespace {
 
-struct ForceModel {
-  const CellModel* model = &find_model("rdq20");
+struct Muscle {
+  const CellModel* model = nullptr;
   std::vector<double> parameters;
 };
 
@@ -20,23 +21,27 @@ struct ForceModel {
 std::array<double, 3> inputs_of(double calcium_uM, double SL_um, double dSL_dt_um_per_s) {
   const std::array values{calcium_uM, SL_um, dSL_dt_um_per_s};
   constexpr std::array names{"calcium_uM", "SL_um", "dSL_dt_um_per_s"};
-  for (std::size_t k = 0; k < values.size(); ++k) check_range(Rdq20::inputs[k], values[k], names[k]);
+  for (std::size_t k = 0; k < values.size(); ++k) check_range(facts::force_inputs[k], values[k], names[k]);
   return values;
 }
 
 }  // namespace
 
 void bind_force(py::module_& m) {
-  py::class_<ForceModel>(m, "ForceModel")
-      .def(py::init([](const std::string& set) {
-             ForceModel force;
-             force.parameters = force.model->parameter_values(set);
+  py::class_<Muscle>(m, "ForceModel")
+      .def(py::init([](const std::string& set, const std::string& model) {
+             Muscle force{&find_model(model), {}};
+             if (force.model->is_ionic())
+               throw InputError(fmt::format("model = {} is no force model", model));
+             force.parameters =
+                 force.model->parameter_values(set.empty() ? force.model->parameter_sets.front().name : set);
              return force;
            }),
-           py::arg("set"))
-      .def("copy", [](const ForceModel& force) { return ForceModel(force); })
+           py::arg("set"), py::arg("model"))
+      .def_property_readonly("name", [](const Muscle& force) { return std::string(force.model->name); })
+      .def("copy", [](const Muscle& force) { return Muscle(force); })
       .def("parameters",
-           [](const ForceModel& force) {
+           [](const Muscle& force) {
              std::vector<NamedParameter> list;
              for (std::size_t k = 0; k < force.parameters.size(); ++k)
                list.push_back({std::string(force.model->parameters[k].name), force.model->parameters[k],
@@ -45,27 +50,27 @@ void bind_force(py::module_& m) {
            })
       .def(
           "set_parameters",
-          [](ForceModel& force, const Array& array) {
+          [](Muscle& force, const Array& array) {
             const auto values = vector_of(array, force.parameters.size(), "values");
             for (std::size_t k = 0; k < values.size(); ++k)
-              check_range(force.model->parameters[k], values[k], "rdq20");
+              check_range(force.model->parameters[k], values[k], std::string(force.model->name));
             force.parameters = values;
           },
           py::arg("values"))
       .def(
           "set_parameter",
-          [](ForceModel& force, const std::string& name, double value) {
-            const std::size_t k = require_index(force.model->parameters, "parameter of rdq20", name);
-            check_range(force.model->parameters[k], value, "rdq20");
+          [](Muscle& force, const std::string& name, double value) {
+            const std::size_t k = require_index(force.model->parameters,
+                                                fmt::format("parameter of {}", force.model->name), name);
+            check_range(force.model->parameters[k], value, std::string(force.model->name));
             force.parameters[k] = value;
           },
           py::arg("name"), py::arg("value"))
-      .def("state_names", [](const ForceModel& force) { return names_of(force.model->states); })
-      .def("initial_state", [](const ForceModel& force) { return owned(force.model->default_state()); })
+      .def("state_names", [](const Muscle& force) { return names_of(force.model->states); })
+      .def("initial_state", [](const Muscle& force) { return owned(force.model->default_state()); })
       .def(
           "rhs",
-          [](const ForceModel& force, const Array& y, double calcium_uM, double SL_um,
-             double dSL_dt_um_per_s) {
+          [](const Muscle& force, const Array& y, double calcium_uM, double SL_um, double dSL_dt_um_per_s) {
             const auto state = vector_of(y, force.model->states.size(), "y");
             const auto inputs = inputs_of(calcium_uM, SL_um, dSL_dt_um_per_s);
             std::vector<double> rates(state.size());
@@ -76,8 +81,7 @@ void bind_force(py::module_& m) {
           py::arg("y"), py::arg("calcium_uM"), py::arg("SL_um"), py::arg("dSL_dt_um_per_s"))
       .def(
           "jacobian",
-          [](const ForceModel& force, const Array& y, double calcium_uM, double SL_um,
-             double dSL_dt_um_per_s) {
+          [](const Muscle& force, const Array& y, double calcium_uM, double SL_um, double dSL_dt_um_per_s) {
             const auto state = vector_of(y, force.model->states.size(), "y");
             const auto inputs = inputs_of(calcium_uM, SL_um, dSL_dt_um_per_s);
             const std::size_t n = state.size();
@@ -90,11 +94,11 @@ void bind_force(py::module_& m) {
           py::arg("y"), py::arg("calcium_uM"), py::arg("SL_um"), py::arg("dSL_dt_um_per_s"))
       .def(
           "steady_state",
-          [](const ForceModel& force, double calcium_uM, double SL_um) {
+          [](const Muscle& force, double calcium_uM, double SL_um) {
             std::vector<double> state;
             {
               py::gil_scoped_release unlock;
-              state = rdq20_steady_state(force.parameters, calcium_uM, SL_um);
+              state = steady_force_state(*force.model, force.parameters, calcium_uM, SL_um);
             }
             return owned(std::move(state));
           },
@@ -102,7 +106,7 @@ void bind_force(py::module_& m) {
       // Steady tensions (kPa), one a calcium, and their derivatives [calcium][parameter].
       .def(
           "steady_tension",
-          [](const ForceModel& force, const Array& calcium_uM, double SL_um) {
+          [](const Muscle& force, const Array& calcium_uM, double SL_um) {
             const auto levels =
                 vector_of(calcium_uM, static_cast<std::size_t>(calcium_uM.size()), "calcium_uM");
             const int m = static_cast<int>(force.parameters.size());
@@ -114,8 +118,11 @@ void bind_force(py::module_& m) {
                   std::vector<Tangent> parameters(force.parameters.begin(), force.parameters.end());
                   for (int k = 0; k < tangent_lanes && first + k < m; ++k)
                     parameters[static_cast<std::size_t>(first + k)].derivative[k] = 1;
-                  const std::vector<Tangent> y = rdq20_steady_state(parameters, levels[row], SL_um);
-                  const Tangent T = Rdq20StepperOf<Tangent>(parameters).tension_kPa(y.data(), SL_um);
+                  const std::vector<Tangent> y =
+                      steady_force_state(*force.model, parameters, levels[row], SL_um);
+                  const Tangent T = make_force_stepper<Tangent>(*force.model, parameters)
+                                        ->forces(y.data(), SL_um)
+                                        .tension_kPa;
                   if (first == 0) tension.push_back(T.value);
                   for (int k = 0; k < tangent_lanes && first + k < m; ++k)
                     derivatives[row * force.parameters.size() + static_cast<std::size_t>(first + k)] =
@@ -129,7 +136,7 @@ void bind_force(py::module_& m) {
       // Tension (kPa) along given samples of time (s), calcium (uM) and length (um).
       .def(
           "run",
-          [](const ForceModel& force, const Array& start, const Array& t_s, const Array& calcium_uM,
+          [](const Muscle& force, const Array& start, const Array& t_s, const Array& calcium_uM,
              const Array& SL_um) {
             std::vector<double> y = vector_of(start, force.model->states.size(), "start");
             const auto n = static_cast<std::size_t>(t_s.size());
@@ -140,13 +147,13 @@ void bind_force(py::module_& m) {
               if (!(t[k] > t[k - 1]))
                 throw InputError(fmt::format("t_s[{}] = {} does not increase", k, t[k]));
             for (std::size_t k = 0; k < n; ++k) {
-              check_range(Rdq20::inputs[Rdq20::Ca], calcium[k], fmt::format("calcium_uM[{}]", k));
-              check_range(Rdq20::inputs[Rdq20::SL], length[k], fmt::format("SL_um[{}]", k));
+              check_range(force.model->inputs[0], calcium[k], fmt::format("calcium_uM[{}]", k));
+              check_range(force.model->inputs[1], length[k], fmt::format("SL_um[{}]", k));
             }
             std::vector<double> tension;
             {
               py::gil_scoped_release unlock;
-              const Rdq20Stepper stepper(force.parameters);
+              const auto stepper = make_force_stepper<double>(*force.model, force.parameters);
               const auto equations = force.model->equations(force.parameters);
               std::size_t row = 0;
               const auto share = [&](double time) { return (time - t[row]) / (t[row + 1] - t[row]); };
@@ -169,11 +176,11 @@ void bind_force(py::module_& m) {
                 equations->jacobian(state, in, jacobian);
               };
               Cvode solver(system, {1e-7, std::vector<double>(y.size(), 1e-11)});
-              tension.push_back(stepper.tension_kPa(y.data(), length[0]));
+              tension.push_back(stepper->forces(y.data(), length[0]).tension_kPa);
               solver.restart(t[0], y);
               for (; row + 1 < n; ++row) {
                 y = solver.advance(t[row + 1]);
-                tension.push_back(stepper.tension_kPa(y.data(), length[row + 1]));
+                tension.push_back(stepper->forces(y.data(), length[row + 1]).tension_kPa);
                 if ((row & 63) == 63) check_signals();
               }
             }

@@ -18,13 +18,21 @@ inline constexpr double unbounded = std::numeric_limits<double>::infinity();
 // by its position or spelling.
 enum class Role : char {
   none,
-  gate,            // obeys dg/dt = (steady - g)/tau, both independent of g
-  voltage_gate,    // the same, both functions of the potential alone
-  potential,       // of the membrane
-  calcium,         // in the cytosol, what drives a force model
-  stimulus_ion,    // carries the stimulus current
-  stimulus,        // the input that is paced
-  stimulus_share,  // the parameter: how much of the stimulus its ion carries; only all of it keeps the charge
+  // States.
+  gate,          // obeys dg/dt = (steady - g)/tau, both independent of g
+  voltage_gate,  // the same, both functions of the potential alone
+  potential,     // of the membrane
+  calcium,       // in the cytosol, what drives a force model
+  stimulus_ion,  // carries the stimulus current
+  // Inputs.
+  stimulus,  // the current that is paced
+  // Parameters.
+  stimulus_share,    // how much of the stimulus its ion carries; only all of it keeps the charge
+  strength,          // scales the tension, and nothing else
+  reference_length,  // of the sarcomere, to which strain is referred
+  // Observables.
+  tension,
+  stiffness,
 };
 
 struct Quantity {

@@ -368,18 +368,19 @@ class Heart(_Refinable):
 
 
 class Force(_Stated):
-    """RDQ20 active force: parameter sets "human37", "rat-room", "fedele2023-ventricles", "fedele2023-atria"."""
+    """Active force of a muscle: model "rdq20" (parameter sets "human37", "rat-room", "fedele2023-ventricles",
+    "fedele2023-atria") or "land2017" ("intact", "skinned", "margara2021"). Sets left out are the first."""
 
     end_state: np.ndarray | None = None
     """The state at the end of the last run(), to go on from; None before the first."""
 
-    def __init__(self, parameters: str = "human37", **changes: float) -> None:
-        self._core = _core.ForceModel(text(parameters, "parameters"))
+    def __init__(self, parameters: str = "", *, model: str = "rdq20", **changes: float) -> None:
+        self._core = _core.ForceModel(text(parameters, "parameters"), text(model, "model"))
         if changes:
             self.parameters.update(changes)
 
     def _made_by(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
-        return (), {}
+        return (), {"model": self._core.name}
 
     def __reduce__(self) -> Any:
         return (*super().__reduce__(), self.end_state)

@@ -4,8 +4,8 @@
 #include <type_traits>
 #include <wiggers/cellmodels/catalogue/adaptive_integrators.hpp>
 #include <wiggers/cellmodels/catalogue/catalogue.hpp>
+#include <wiggers/cellmodels/models/force_models.hpp>
 #include <wiggers/cellmodels/models/ionic_models.hpp>
-#include <wiggers/cellmodels/models/rdq20.hpp>
 #include <wiggers/cellmodels/schemes/branches.hpp>
 #include <wiggers/cellmodels/schemes/jacobian.hpp>
 #include <wiggers/cellmodels/schemes/rosenbrock.hpp>
@@ -86,6 +86,11 @@ class CellModelOf final : public CellModel {
     has_voltage_table = InParts<Model>;
     if constexpr (n_branches < Model >> 0) branch_potentials = Model::branch_potentials;
     if constexpr (IonicModel<Model>) default_stimulus = Model::default_stimulus;
+    if (const int k = parameter(Role::strength); k >= 0) {
+      strength_key = parameters[static_cast<std::size_t>(k)];
+      key_ = std::string(strength_key.name) + "_" + std::string(strength_key.unit);
+      strength_key.name = key_;
+    }
     if constexpr (HasInvariants<Model>)
       invariants = Model::invariants;
     else
@@ -133,6 +138,9 @@ class CellModelOf final : public CellModel {
     return {};
   }
 
+  void normalise([[maybe_unused]] double* y) const override {
+    if constexpr (requires { Model::normalise(y); }) Model::normalise(y);
+  }
   bool keeps_invariants(const double* p) const override {
     if constexpr (HasInvariants<Model>) return Model::keeps_invariants(p);
     return true;
@@ -148,6 +156,9 @@ class CellModelOf final : public CellModel {
     if constexpr (HasInvariants<Model>)
       wiggers::hold_invariants<Model>(y, Model::constants(p), values.data());
   }
+
+ private:
+  std::string key_;
 };
 
 template <class Model>
@@ -158,7 +169,7 @@ const std::vector<const CellModel*>& all_models() {
   static const std::vector<const CellModel*> all = [] {
     std::vector<const CellModel*> list;
     IonicModels::each([&]<class Model>() { list.push_back(&the_model<Model>); });
-    list.push_back(&the_model<Rdq20>);
+    ForceModels::each([&]<class Model>() { list.push_back(&the_model<Model>); });
     return list;
   }();
   return all;
@@ -219,6 +230,16 @@ std::uint32_t CellModel::fingerprint(const std::vector<double>& values) const {
   add(values.data(), values.size() * sizeof(double));
   return hash;
 }
+
+namespace {
+int index_in(std::span<const Quantity> quantities, Role role) {
+  for (std::size_t k = 0; k < quantities.size(); ++k)
+    if (quantities[k].role == role) return static_cast<int>(k);
+  return -1;
+}
+}  // namespace
+int CellModel::parameter(Role role) const { return index_in(parameters, role); }
+int CellModel::observable(Role role) const { return index_in(observables, role); }
 
 int CellModel::charge_invariant() const {
   for (std::size_t k = 0; k < invariants.size(); ++k)

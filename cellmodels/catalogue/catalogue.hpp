@@ -75,11 +75,21 @@ class CellModel {
   // Per state: small concentrations get 1 % of it, the membrane potential ten times.
   std::vector<double> absolute_tolerances(double of_size_one) const;
 
+  // Of a force model: its strength as a key of a wall ("a_XB_kPa").
+  Quantity strength_key;
+
+  // Index of the parameter or observable with a role; -1: none.
+  int parameter(Role role) const;
+  int observable(Role role) const;
+
   // What the model derives from its parameters once, as plain numbers; and one row of its table of functions
   // of V for steps of h (voltage_table.hpp; empty for models without has_voltage_table).
   virtual std::vector<double> derived_constants(const double* parameters) const = 0;
   virtual std::vector<double> voltage_table_row(double V, double h, Decay decay,
                                                 const double* parameters) const = 0;
+
+  // Takes out what schemes let drift, where a model says how.
+  virtual void normalise(double* y) const = 0;
 
   // What the equations keep. Whether they do depends on the parameters; a model without invariants keeps all.
   virtual bool keeps_invariants(const double* parameters) const = 0;

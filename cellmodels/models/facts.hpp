@@ -78,6 +78,30 @@ inline constexpr Quantity stimulus_K_fraction{
     Role::stimulus_share};
 inline constexpr Quantity stimulus{
     "i_stim", "A/F", 0, -1000, 1000, "stimulus current, depolarising if negative", Role::stimulus};
+constexpr Quantity reference_length(double value) {
+  return {"SL0",
+          "um",
+          value,
+          1.5,
+          3,
+          "sarcomere length to which strain and its rate are referred",
+          Role::reference_length};
+}
+// What drives every force model, in this order.
+inline constexpr std::array force_inputs = {
+    Quantity{"Ca", "uM", 0.1, 0, 1000, "free calcium at troponin"},
+    Quantity{"SL", "um", 2.2, 0.5, 4, "sarcomere length"},
+    Quantity{"dSL/dt", "um/s", 0, -100, 100, "rate of sarcomere length, shortening negative"},
+};
+constexpr Quantity active_tension{"Ta", "kPa", 0, -unbounded, unbounded, "active tension", Role::tension};
+constexpr Quantity active_stiffness{
+    "Ka",
+    "kPa",
+    0,
+    -unbounded,
+    unbounded,
+    "active stiffness: change of tension with strain SL/SL0 at attached crossbridges",
+    Role::stiffness};
 constexpr Quantity output(std::string_view name, std::string_view unit, std::string_view meaning) {
   return {name, unit, 0, -unbounded, unbounded, meaning};
 }

@@ -18,11 +18,15 @@
 // model: an assumption, see docs/notes.md.
 #pragma once
 
+#include <fmt/format.h>
+
 #include <array>
+#include <string>
 #include <wiggers/cellmodels/models/facts.hpp>
-#include <wiggers/cellmodels/models/invariant.hpp>
+#include <wiggers/cellmodels/models/force_model.hpp>
 #include <wiggers/core/enumerators.hpp>
 #include <wiggers/core/evaluation.hpp>
+#include <wiggers/core/markov.hpp>
 #include <wiggers/core/numbers.hpp>
 
 namespace wiggers {
@@ -94,7 +98,7 @@ struct Rdq20 {
       Quantity{"LA", "um", 1.25, 0.8, 1.8, "length of the thin filament"},
       Quantity{"LM", "um", 1.65, 1.2, 2.2, "length of the thick filament"},
       Quantity{"LB", "um", 0.18, 0.01, 0.5, "bare zone of the thick filament"},
-      Quantity{"SL0", "um", 2.2, 1.5, 3, "sarcomere length to which strain and its rate are referred"},
+      facts::reference_length(2.2),
       Quantity{"mu", "1", 10, 1, 200, "calcium affinity ratio of permissive and non-permissive units"},
       facts::positive("Q", "1", 2,
                       "ratio of permissive to non-permissive states, calcium bound, no neighbours"),
@@ -107,26 +111,19 @@ struct Rdq20 {
       facts::non_negative("mu1_fP", "1/s", 0.778, "attachment: rate of the first moment"),
       facts::positive("r0", "1/s", 134.31, "detachment rate without sliding"),
       facts::non_negative("alpha", "1", 25.184, "increase of detachment with sliding velocity"),
-      Quantity{"a_XB", "kPa", 22.894e3, 0, 2e7, "tension per unit of first moment"},
+      marked(Role::strength, Quantity{"a_XB", "kPa", 22.894e3, 0, 2e7, "tension per unit of first moment"}),
   };
   static_assert(well_formed(parameters));
   static_assert(named_as<Parameter>(parameters));
 
   enum Input { Ca, SL, dSL_dt };
-  static constexpr std::array inputs = {
-      Quantity{"Ca", "uM", 0.1, 0, 1000, "free calcium at troponin"},
-      Quantity{"SL", "um", 2.2, 0.5, 4, "sarcomere length"},
-      Quantity{"dSL/dt", "um/s", 0, -100, 100, "rate of sarcomere length, shortening negative"},
-  };
+  static constexpr auto inputs = facts::force_inputs;
   static_assert(named_as<Input>(inputs));
 
   enum Observable { permissivity, Ta, Ka };
   static constexpr std::array observables = {
       facts::output("permissivity", "1", "probability that a regulatory unit is permissive"),
-      facts::output("Ta", "kPa", "active tension"),
-      facts::output("Ka", "kPa",
-                    "active stiffness: change of tension with strain SL/SL0 at attached crossbridges"),
-  };
+      facts::active_tension, facts::active_stiffness};
   static_assert(named_as<Observable>(observables));
 
   static constexpr ParameterChange rat[] = {{"Kd0", 0.835}, {"alphaKd", -1.258}, {"Koff", 120},
@@ -215,6 +212,46 @@ struct Rdq20 {
     return b == 0 ? N(c.p[Koff]) : N(c.p[Koff] / c.p[mu]);
   }
 
+  // The generator A of frozen rates, as propagate() asks for it.
+  template <class N>
+  struct Exchange {
+    N left[2][2], right[2][2], centre[n_probabilities], calcium[n_probabilities];
+
+    template <class Pn>
+    Exchange(const FrozenRates<N>& rates, const Constants<Pn>& c) {
+      for (int s = 0; s < 2; ++s)
+        for (int t = 0; t < 2; ++t) {
+          left[s][t] = rates.left[s][t];
+          right[s][t] = rates.right[s][t];
+        }
+      for (int i = 0; i < n_probabilities; ++i) {
+        const int a = i >> 3, b = (i >> 2) & 1, cc = (i >> 1) & 1, B = i & 1;
+        centre[i] = N(centre_rate(a, b, cc, B, c));
+        calcium[i] = calcium_rate(b, B, rates, c);
+      }
+    }
+    N exit(int i) const {
+      const int a = i >> 3, b = (i >> 2) & 1, cc = (i >> 1) & 1;
+      return left[a][b] + centre[i] + right[b][cc] + calcium[i];
+    }
+    void scale(double factor) {
+      for (int s = 0; s < 2; ++s)
+        for (int t = 0; t < 2; ++t) {
+          left[s][t] = left[s][t] * factor;
+          right[s][t] = right[s][t] * factor;
+        }
+      for (int i = 0; i < n_probabilities; ++i) {
+        centre[i] = centre[i] * factor;
+        calcium[i] = calcium[i] * factor;
+      }
+    }
+    N inflow(int i, const N& kept, const N* x) const {
+      const int a = i >> 3, b = (i >> 2) & 1, cc = (i >> 1) & 1;
+      return kept + x[i ^ 8] * left[1 - a][b] + x[i ^ 4] * centre[i ^ 4] + x[i ^ 2] * right[b][1 - cc] +
+             x[i ^ 1] * calcium[i ^ 1];
+    }
+  };
+
   template <class N, class Pn>
   static FrozenRates<N> frozen_rates(const N* y, const N& calcium, const N& sarcomere_length,
                                      const Constants<Pn>& c) {
@@ -285,15 +322,44 @@ struct Rdq20 {
     return flow(y, frozen_rates(y, calcium, sarcomere_length, c), c);
   }
 
+  static constexpr int n_regulated = n_probabilities;
+
+  // The probabilities over h by a two-stage midpoint rule with frozen rates: second order, positive and
+  // conserving for every step. Stage one takes x over h/2 with A(x_n); stage two x_n over h with A(x_m), each
+  // by uniformisation (about 60 terms for 1 ms of the atrial set); calcium and length are those of the middle
+  // of the step. False if the rates are not finite or beyond what the method should be asked for.
+  template <class H, class N, class Pn>
+  static bool regulate(const H& h, N* y, const N& calcium, const N& sarcomere_length, const Constants<Pn>& c,
+                       Regulation<N>& at_middle) {
+    N middle[n_probabilities];
+    for (int i = 0; i < n_probabilities; ++i) middle[i] = y[i];
+    if (!propagate<n_probabilities>(H(0.5 * h), middle,
+                                    Exchange<N>(frozen_rates(y, calcium, sarcomere_length, c), c)))
+      return false;
+    const auto rates = frozen_rates(middle, calcium, sarcomere_length, c);
+    at_middle = flow(middle, rates, c);
+    return propagate<n_probabilities>(h, y, Exchange<N>(rates, c));
+  }
+
+  // Holds the sum of the probabilities, which schemes keep but for rounding: a perturbed sum is then no
+  // neutral direction of the map of a beat.
+  template <class N>
+  static void normalise(N* y) {
+    N sum = y[0];
+    for (int i = 1; i < n_probabilities; ++i) sum = sum + y[i];
+    const N per_sum = 1.0 / sum;
+    for (int i = 0; i < n_probabilities; ++i) y[i] = y[i] * per_sum;
+  }
+
   // Advances the moments y[16..19] exactly over dt for frozen regulation and shortening velocity
-  // v = -(dSL/dt)/SL0. With r = r0 + alpha |v| and A = -r I + B, B = [[-k_PN, k_NP], [k_PN, -k_NP]],
-  // B^2 = -k B, k = k_PN + k_NP:
+  // v = -(dSL/dt)/SL0. With r = r0 + alpha |v_detaching| and A = -r I + B, B = [[-k_PN, k_NP], [k_PN,
+  // -k_NP]], B^2 = -k B, k = k_PN + k_NP:
   //   exp(A t) = e^{-rt} (I + B (1 - e^{-kt})/k),   A^{-1} = -(I + B/(r + k))/r.
   template <class H, class N, class Pn>
-  static void step_crossbridges(const H& dt, N* y, const Regulation<N>& ru, const N& v,
-                                const Constants<Pn>& c) {
+  static bool cycle(const H& dt, N* y, const Regulation<N>& ru, const N& v, const N& v_detaching,
+                    const Constants<Pn>& c) {
     const auto& p = c.p;
-    const N r = p[r0] + p[alpha] * abs(v);
+    const N r = p[r0] + p[alpha] * abs(v_detaching);
     const N k = ru.k_PN + ru.k_NP;
     const N decay = exp(N(-r * dt));
     const N exchange = dt * expm1_over_x(N(-k * dt));  // (1 - e^{-k dt})/k
@@ -323,6 +389,37 @@ struct Rdq20 {
     y[mu0_N] = m0_inf.N_ + d0.N_;
     y[mu1_P] = m1_inf.P + d1.P - v * dt * d0.P;
     y[mu1_N] = m1_inf.N_ + d1.N_ - v * dt * d0.N_;
+    return true;
+  }
+
+  // At a sarcomere length, kPa.
+  template <class N, class Pn>
+  static N tension(const N* y, const N& sarcomere_length, const Constants<Pn>& c) {
+    return c.p[a_XB] * overlap(sarcomere_length, c.p) * (y[mu1_P] + y[mu1_N]);
+  }
+  template <class N, class Pn>
+  static N stiffness(const N* y, const N& sarcomere_length, const Constants<Pn>& c) {
+    return c.p[a_XB] * overlap(sarcomere_length, c.p) * (y[mu0_P] + y[mu0_N]);
+  }
+
+  // Whether the model describes a sarcomere of this length, and what it says where not.
+  template <class N, class Pn>
+  static bool holds_at(const N& sarcomere_length, const Pn* p) {
+    return dissociation_constant(sarcomere_length, p) > 0.0;
+  }
+  static std::string beyond(double sarcomere_length_um, const double* p) {
+    return fmt::format(
+        "the calcium dissociation constant Kd0 - alphaKd (2.15 - SL) = {:.4g} uM is not positive; with "
+        "these parameters SL must stay {} {:.4g} um",
+        dissociation_constant(sarcomere_length_um, p), p[alphaKd] < 0 ? "below" : "above",
+        2.15 - p[Kd0] / p[alphaKd]);
+  }
+
+  // Where a search for a steady state starts: a little probability everywhere keeps the closure's quotients
+  // defined.
+  static void spread(double* y) {
+    for (int i = 0; i < n_probabilities; ++i) y[i] = 1e-6;
+    y[0] = 1 - 15e-6;
   }
 
   template <class N, class Pn>
@@ -339,8 +436,7 @@ struct Rdq20 {
         -(r + ru.k_PN) * y[mu1_P] + ru.k_NP * y[mu1_N] - v * y[mu0_P] + p[mu1_fP] * ru.permissivity;
     e.derivative[mu0_N] = -(r + ru.k_NP) * y[mu0_N] + ru.k_PN * y[mu0_P];
     e.derivative[mu1_N] = -(r + ru.k_NP) * y[mu1_N] + ru.k_PN * y[mu1_P] - v * y[mu0_N];
-    const N overlapped = p[a_XB] * overlap(in[SL], p);
-    e.observable = {ru.permissivity, overlapped * (y[mu1_P] + y[mu1_N]), overlapped * (y[mu0_P] + y[mu0_N])};
+    e.observable = {ru.permissivity, tension(y, in[SL], c), stiffness(y, in[SL], c)};
     return e;
   }
 

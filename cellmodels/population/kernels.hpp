@@ -7,6 +7,7 @@
 
 #include <cstddef>
 #include <string_view>
+#include <wiggers/cellmodels/schemes/force_step.hpp>
 #include <wiggers/cellmodels/schemes/voltage_table.hpp>
 #include <wiggers/core/instruction_set.hpp>
 
@@ -33,6 +34,9 @@ struct KernelCall {
   Real* previous = nullptr;  // [block][state][lane]: the states one step earlier
   Real* rates = nullptr;     // [block][lane]: dV/dt of the cell's own currents, written
   bool first = false;        // no history yet: BDF1
+  // Integrator "in-wall" of force models: one step; the length's rate is that of the step before.
+  const ForceScheme* scheme = nullptr;
+  Real* forces = nullptr;  // [block][tension, stiffness][lane], kPa, written
 };
 
 // Steps the blocks [first, last); false if in the end a state is outside its range or no number, or if on the
@@ -41,8 +45,9 @@ template <class Real>
 using Kernel = bool (*)(const KernelCall<Real>&, std::size_t first, std::size_t last);
 
 struct KernelKey {
-  std::string_view model;       // a name of the catalogue
-  std::string_view integrator;  // rush-larsen | rush-larsen-2 | bdf2-imex, for rdq20 frozen-midpoint
+  std::string_view model;  // a name of the catalogue
+  std::string_view
+      integrator;  // rush-larsen | rush-larsen-2 | bdf2-imex; of force models frozen-midpoint | in-wall
   bool tabulated = false;
   bool per_point = false;
 };

@@ -1,9 +1,10 @@
 // The kernels' text, included by one small source file per instruction set. See kernels.hpp.
 #pragma once
 
+#include <wiggers/cellmodels/models/force_models.hpp>
 #include <wiggers/cellmodels/models/ionic_models.hpp>
 #include <wiggers/cellmodels/population/kernels.hpp>
-#include <wiggers/cellmodels/schemes/rdq20_midpoint.hpp>
+#include <wiggers/cellmodels/schemes/force_step.hpp>
 #include <wiggers/core/fixed_step.hpp>
 #include <wiggers/core/simd.hpp>
 
@@ -99,12 +100,13 @@ struct RushLarsen2Steps {
   }
 };
 
+// Steps of a force model at the velocity of its input.
 template <class Model, class V, bool>
 struct MidpointSteps {
   template <class Constants>
   WIGGERS_INLINE static typename V::Mask step(const KernelCall<typename V::Scalar>& call, V* y,
                                               const V* inputs, const Constants& constants) {
-    if (Rdq20Midpoint<V>().step(call.h, y, inputs, constants)) return V::Mask::none();
+    if (force_midpoint_step<Model, V>(call.h, y, inputs, constants)) return V::Mask::none();
     return V(0.0) < V(1.0);
   }
 };
@@ -248,6 +250,70 @@ template <class Model, class V, bool tabulated>
   return good;
 }
 
+// Spelt out and inlined: a library function here would be compiled for this file's instruction set and could
+// be the copy that the linker keeps for everybody.
+WIGGERS_INLINE bool same(std::string_view a, std::string_view b) {
+  if (a.size() != b.size()) return false;
+  for (std::size_t i = 0; i < a.size(); ++i)
+    if (a.data()[i] != b.data()[i]) return false;
+  return true;
+}
+
+// One step of the scheme that walls share (force_step.hpp); tension and stiffness are written.
+template <class Model, class V, bool per_point>
+[[gnu::flatten]] bool run_in_wall(const KernelCall<typename V::Scalar>& call, std::size_t first,
+                                  std::size_t last) {
+  using Real = typename V::Scalar;
+  using Constants = typename Model::template Constants<std::conditional_t<per_point, V, Real>>;
+  constexpr std::size_t n = Model::states.size(), n_in = Model::inputs.size(), width = block_lanes<Real>;
+  constexpr std::size_t n_constants = sizeof(typename Model::template Constants<Real>) / sizeof(Real);
+  constexpr auto SL0 = static_cast<std::size_t>(index_of(Model::parameters, Role::reference_length));
+  Constants constants;
+  if constexpr (!per_point) __builtin_memcpy(&constants, call.constants, sizeof(constants));
+  const FlushSubnormals flush;
+  auto bad = V::Mask::none();
+  for (std::size_t block = first; block < last; ++block) {
+    for (std::size_t offset = 0; offset < width; offset += V::lanes) {
+      Real* states = call.states + block * n * width + offset;
+      V y[n], inputs[n_in];
+      for (std::size_t i = 0; i < n; ++i) y[i] = V::load(states + i * width);
+      for (std::size_t i = 0; i < n_in; ++i)
+        inputs[i] = call.inputs ? V::load(call.inputs + (block * n_in + i) * width + offset)
+                                : V(static_cast<double>(call.uniform_inputs[i]));
+      if constexpr (per_point) {
+        const Real* from = call.point_constants + block * n_constants * width + offset;
+        V* to = reinterpret_cast<V*>(&constants);
+        for (std::size_t i = 0; i < n_constants; ++i) to[i] = V::load(from + i * width);
+      }
+      ForceStep<Model, V> step;
+      const V velocity = -inputs[Model::dSL_dt] / constants.p[SL0];
+      if (!step.begin(*call.scheme, call.h, y, inputs[Model::Ca], inputs[Model::SL], velocity, constants))
+        bad = bad | (V(0.0) < V(1.0));
+      step.tension_kPa.store(call.forces + 2 * block * width + offset);
+      step.stiffness_kPa.store(call.forces + (2 * block + 1) * width + offset);
+      for (std::size_t i = 0; i < n; ++i) {
+        y[i].store(states + i * width);
+        const V lower(static_cast<double>(call.lower[i])), upper(static_cast<double>(call.upper[i]));
+        bad.bits |= ~((y[i].v >= lower.v) & (y[i].v <= upper.v));
+      }
+    }
+  }
+  bool good = true;
+  for (int lane = 0; lane < V::lanes; ++lane) good = good && bad.bits[lane] == 0;
+  return good;
+}
+
+template <class Model, class V>
+Kernel<typename V::Scalar> find_force(const KernelKey& key) {
+  if (key.tabulated) return nullptr;
+  if (same(key.integrator, "frozen-midpoint"))
+    return key.per_point ? run<Model, V, MidpointSteps, false, true>
+                         : run<Model, V, MidpointSteps, false, false>;
+  if (same(key.integrator, "in-wall"))
+    return key.per_point ? run_in_wall<Model, V, true> : run_in_wall<Model, V, false>;
+  return nullptr;
+}
+
 template <class Model, class V>
 Kernel<typename V::Scalar> ionic_bdf2(const KernelKey& key) {
   if (key.per_point) return nullptr;
@@ -265,15 +331,6 @@ Kernel<typename V::Scalar> ionic(const KernelKey& key) {
   return key.per_point ? run<Model, V, Steps, false, true> : run<Model, V, Steps, false, false>;
 }
 
-// Spelt out and inlined: a library function here would be compiled for this file's instruction set and could
-// be the copy that the linker keeps for everybody.
-WIGGERS_INLINE bool same(std::string_view a, std::string_view b) {
-  if (a.size() != b.size()) return false;
-  for (std::size_t i = 0; i < a.size(); ++i)
-    if (a.data()[i] != b.data()[i]) return false;
-  return true;
-}
-
 template <class Model, class V>
 Kernel<typename V::Scalar> find_ionic(const KernelKey& key) {
   if (same(key.integrator, "rush-larsen")) return ionic<Model, V, RushLarsen1Steps>(key);
@@ -288,9 +345,9 @@ Kernel<typename V::Scalar> find_for(const KernelKey& key) {
   IonicModels::each([&]<class Model>() {
     if (same(key.model, Model::name)) found = find_ionic<typename SameEquationsOf<Model>::type, V>(key);
   });
-  if (same(key.integrator, "frozen-midpoint") && same(key.model, Rdq20::name) && !key.tabulated)
-    return key.per_point ? run<Rdq20, V, MidpointSteps, false, true>
-                         : run<Rdq20, V, MidpointSteps, false, false>;
+  ForceModels::each([&]<class Model>() {
+    if (same(key.model, Model::name)) found = find_force<Model, V>(key);
+  });
   return found;
 }
 

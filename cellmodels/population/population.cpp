@@ -64,6 +64,8 @@ struct CellPopulation::Storage {
   virtual void step(double h, int n_steps) = 0;
   virtual void step_under(std::span<const double> potential, double h, bool first,
                           std::span<double> rate) = 0;
+  virtual void force_step(double h, const ForceScheme& scheme, std::span<double> tension,
+                          std::span<double> stiffness) = 0;
   virtual void copy(int level, std::span<double> values) const = 0;
   virtual void assign(int level, std::span<const double> values) = 0;
 };
@@ -112,7 +114,7 @@ struct CellPopulation::StorageOf final : Storage {
     if (!kernel_)
       throw InputError(fmt::format("{} has no kernel for integrator '{}'{}; it has {}", model_.name,
                                    settings_.integrator, settings_.table_spacing_mV > 0 ? " with tables" : "",
-                                   !model_.is_ionic() ? "frozen-midpoint, without tables"
+                                   !model_.is_ionic() ? "frozen-midpoint and in-wall, without tables"
                                    : model_.has_voltage_table
                                        ? "rush-larsen, rush-larsen-2 and bdf2-imex, with and without tables"
                                        : "rush-larsen, rush-larsen-2 and bdf2-imex, without tables"));
@@ -240,6 +242,21 @@ struct CellPopulation::StorageOf final : Storage {
     for (std::size_t cell = 0; cell < n_cells_; ++cell) rate[cell] = static_cast<double>(rates_[cell]);
   }
 
+  void force_step(double h, const ForceScheme& scheme, std::span<double> tension,
+                  std::span<double> stiffness) override {
+    fill_spare_lanes(states_);
+    forces_.resize(2 * n_blocks_ * width);
+    KernelCall<Real> call = kernel_call(h);
+    call.h = h;
+    call.scheme = &scheme;
+    call.forces = forces_.data();
+    run(call, h);
+    for (std::size_t cell = 0; cell < n_cells_; ++cell) {
+      tension[cell] = static_cast<double>(forces_[index(cell, 0, 2)]);
+      stiffness[cell] = static_cast<double>(forces_[index(cell, 1, 2)]);
+    }
+  }
+
   void copy(int level, std::span<double> values) const override {
     const auto& from = level == 0 ? states_ : previous_;
     for (std::size_t cell = 0; cell < n_cells_; ++cell)
@@ -287,7 +304,7 @@ struct CellPopulation::StorageOf final : Storage {
   std::size_t n_states_, n_inputs_, n_blocks_;
   ThreadPool pool_;
   Kernel<Real> kernel_ = nullptr;
-  Aligned<Real> states_, previous_, rates_, inputs_, constants_, point_constants_, table_;
+  Aligned<Real> states_, previous_, rates_, forces_, inputs_, constants_, point_constants_, table_;
   std::vector<Real> uniform_inputs_, lower_, upper_;
   std::vector<double> point_parameters_;
   VoltageTableView<Real> view_;
@@ -388,6 +405,8 @@ void CellPopulation::write_state(std::string_view name, std::span<const double> 
 void CellPopulation::step(double h, int n_steps) {
   if (settings_.integrator == "bdf2-imex")
     throw InputError("integrator 'bdf2-imex' of a population steps under a given potential: use step_under");
+  if (settings_.integrator == "in-wall")
+    throw InputError("integrator 'in-wall' of a population gives forces: use force_step");
   if (!(h > 0) || !std::isfinite(h))
     throw InputError(fmt::format("step = {} {} must be positive", h, model_.time_unit));
   if (n_steps < 0) throw InputError(fmt::format("n_steps = {} must not be negative", n_steps));
@@ -401,6 +420,16 @@ void CellPopulation::step_under(std::span<const double> potential_mV, double h, 
   if (!(h > 0) || !std::isfinite(h))
     throw InputError(fmt::format("step = {} {} must be positive", h, model_.time_unit));
   storage_->step_under(potential_mV, h, first, rate);
+}
+void CellPopulation::force_step(double h_s, const ForceScheme& scheme, std::span<double> tension_kPa,
+                                std::span<double> stiffness_kPa) {
+  if (settings_.integrator != "in-wall")
+    throw InputError(fmt::format("integrator '{}' of a population takes no step of a wall: use 'in-wall'",
+                                 settings_.integrator));
+  require_size(tension_kPa.size(), n_cells_, "tension");
+  require_size(stiffness_kPa.size(), n_cells_, "stiffness");
+  if (!(h_s > 0) || !std::isfinite(h_s)) throw InputError(fmt::format("step = {} s must be positive", h_s));
+  storage_->force_step(h_s, scheme, tension_kPa, stiffness_kPa);
 }
 void CellPopulation::copy_states(int level, std::span<double> values) const {
   if (level != 0) require_bdf2(settings_);

@@ -16,13 +16,14 @@
 #include <string_view>
 #include <vector>
 #include <wiggers/cellmodels/catalogue/catalogue.hpp>
+#include <wiggers/cellmodels/schemes/force_step.hpp>
 #include <wiggers/core/instruction_set.hpp>
 
 namespace wiggers {
 
 struct PopulationSettings {
-  // rush-larsen | rush-larsen-2 | bdf2-imex (step_under only) for ionic models, frozen-midpoint for rdq20;
-  // empty: the model's first
+  // rush-larsen | rush-larsen-2 | bdf2-imex (step_under only) for ionic models; frozen-midpoint | in-wall
+  // (force_step only) for force models; empty: the model's first
   std::string integrator;
   bool single_precision = false;
   // Spacing of the tables of functions of V, mV; 0: no tables. 0.01 to 1.
@@ -66,6 +67,12 @@ class CellPopulation {
   // under the potential given for the step's end (mV, extrapolated by the caller; shape (size())), and writes
   // the rate of the potential by the cell's own currents, -I_ion/C_m (mV/ms). `first`: there is no history.
   void step_under(std::span<const double> potential_mV, double h, bool first, std::span<double> rate);
+
+  // A force model's step in walls, integrator "in-wall": inputs are calcium in the middle of the step, length
+  // at its start and the length's rate of the step before. Writes tension and stiffness (kPa, shape
+  // (size())).
+  void force_step(double h_s, const ForceScheme& scheme, std::span<double> tension_kPa,
+                  std::span<double> stiffness_kPa);
 
   // All states of all cells, shape (size(), states), now (level 0) or one step earlier (level 1,
   // "bdf2-imex").

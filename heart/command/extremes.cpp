@@ -23,7 +23,7 @@ void add_extremes(CLI::App& app) {
   auto o = std::make_shared<Options>();
   CLI::App* verb = app.add_subcommand(
       "extremes", "Largest stable and largest accurate steps, and random draws far outside the usual");
-  verb->add_option("subject", o->subject, "cell model, rdq20, 'loop', a loop file or a scene (TOML)")
+  verb->add_option("subject", o->subject, "cell or force model, 'loop', a loop file or a scene (TOML)")
       ->required();
   verb->add_option("--set", o->set, "change a key of the scene or loop file")->take_all();
   verb->add_option("--beats", o->settings.beats, "beats that a stable step completes [10; hearts at most 3]");
@@ -56,7 +56,7 @@ void add_extremes(CLI::App& app) {
     } else {
       const CellModel& model = find_model(o->subject);
       study = model.is_ionic() ? extremes_cell(model, o->settings, progress)
-                               : extremes_force(o->settings, progress);
+                               : extremes_force(model, o->settings, progress);
     }
     progress.finish();
     fmt::print("{}", extremes_table(study));

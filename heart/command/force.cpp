@@ -7,7 +7,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <set>
-#include <wiggers/cellmodels/catalogue/rdq20_stepper.hpp>
+#include <wiggers/cellmodels/catalogue/force_stepper.hpp>
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
@@ -92,7 +92,7 @@ Signal read_signal(const std::string& text, std::string_view option, const Quant
 }
 
 struct Options {
-  std::string parameters, calcium, length, output, start = "steady";
+  std::string model, parameters, calcium, length, output, start = "steady";
   std::vector<std::string> set;
   double rtol = 1e-8, atol = 1e-13, sample_ms = 1, duration_s = 0;
   int beats = 1;
@@ -100,22 +100,32 @@ struct Options {
 };
 
 void run_force(const Options& o) {
-  const CellModel& model = find_model(Rdq20::name);
+  const CellModel& model = o.model.empty() ? *force_models().front() : find_model(o.model);
+  if (model.is_ionic())
+    throw InputError(fmt::format("--model = {} is no force model: see wiggers cell", model.name));
   const std::vector<double> parameters = parameters_from(model, o.parameters, o.set);
-  const Signal calcium = read_signal(o.calcium, "--calcium", Rdq20::inputs[Rdq20::Ca], units::uM_per_mM);
-  const Signal length = read_signal(o.length, "--sarcomere-length", Rdq20::inputs[Rdq20::SL], 0);
-  for (double SL : length.y) check_sarcomere_length(parameters, SL);
+  const Signal calcium = read_signal(o.calcium, "--calcium", model.inputs[0], units::uM_per_mM);
+  const Signal length = read_signal(o.length, "--sarcomere-length", model.inputs[1], 0);
+  for (double SL : length.y) check_sarcomere_length(model, parameters, SL);
   if (!o.output.empty()) require_writable(o.output, "-o", FileKind::table);
 
   std::vector<double> observables(model.observables.size()), rates(model.states.size());
   if (o.steady) {
     if (!calcium.constant() || !length.constant())
       throw InputError("--steady takes one calcium and one sarcomere length, not series");
-    const std::vector<double> y = rdq20_steady_state(parameters, calcium.y[0], length.y[0]);
+    const std::vector<double> y = steady_force_state(model, parameters, calcium.y[0], length.y[0]);
     const double inputs[3] = {calcium.y[0], length.y[0], 0};
     model.evaluate(y.data(), inputs, parameters.data(), rates.data(), observables.data());
-    fmt::print("steady tension {:.10g} kPa, stiffness {:.10g} kPa, permissivity {:.10g}\n",
-               observables[Rdq20::Ta], observables[Rdq20::Ka], observables[Rdq20::permissivity]);
+    const double Ta = observables[static_cast<std::size_t>(model.observable(Role::tension))],
+                 Ka = observables[static_cast<std::size_t>(model.observable(Role::stiffness))];
+    fmt::print("steady tension {:.10g} kPa, stiffness {:.10g} kPa", Ta, Ka);
+    nlohmann::ordered_json summary = {{"Ta_kPa", Ta}, {"Ka_kPa", Ka}};
+    for (std::size_t k = 0; k < observables.size(); ++k)
+      if (model.observables[k].role == Role::none) {
+        fmt::print(", {} {:.10g}", model.observables[k].name, observables[k]);
+        summary[std::string(model.observables[k].name)] = observables[k];
+      }
+    fmt::print("\n");
     if (!o.output.empty()) {
       Table table;
       table.add("Ca", "uM").values = {inputs[0]};
@@ -128,9 +138,6 @@ void run_force(const Options& o) {
       write_csv(o.output, table);
     }
     if (o.json) {
-      const nlohmann::ordered_json summary = {{"Ta_kPa", observables[Rdq20::Ta]},
-                                              {"Ka_kPa", observables[Rdq20::Ka]},
-                                              {"permissivity", observables[Rdq20::permissivity]}};
       fmt::print("{}\n", summary.dump());
     }
     return;
@@ -152,7 +159,7 @@ void run_force(const Options& o) {
   check_option("--atol", o.atol, 1e-18, 1);
   std::vector<double> y = model.default_state();
   if (o.start == "steady")
-    y = rdq20_steady_state(parameters, calcium.at(begin), length.at(begin));
+    y = steady_force_state(model, parameters, calcium.at(begin), length.at(begin));
   else if (o.start != "published")
     refuse_unknown("start", o.start, std::vector<std::string>{"steady", "published"});
 
@@ -245,9 +252,10 @@ void run_force(const Options& o) {
 
 void add_force(CLI::App& app) {
   auto o = std::make_shared<Options>();
-  CLI::App* verb = app.add_subcommand("force", "Active force (RDQ20) for given calcium and sarcomere length");
+  CLI::App* verb = app.add_subcommand("force", "Active force for given calcium and sarcomere length");
+  verb->add_option("--model", o->model, "force model, see wiggers models [rdq20]");
   verb->add_option("--parameters", o->parameters,
-                   "named parameter set, see wiggers models rdq20 --sets [human37]");
+                   "named parameter set, see wiggers models NAME --sets [the model's first: human37]");
   verb->add_option("--set", o->set, "change a parameter: name=value, in the parameter's unit")->take_all();
   verb->add_option("--calcium", o->calcium,
                    "calcium, uM, or CSV with 't [s]' (or ms) and 'Ca [uM]' (or Ca_i [mM])")

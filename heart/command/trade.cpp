@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <memory>
+#include <wiggers/cellmodels/catalogue/force_stepper.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/files.hpp>
 #include <wiggers/core/settings.hpp>
@@ -93,12 +94,20 @@ void add_trade(CLI::App& app) {
   {
     auto o = std::make_shared<Options>();
     o->subject = "fedele2023-ventricles";
-    CLI::App* verb = common(trade->add_subcommand("force", "Schemes, steps and sub-steps of RDQ20"), o);
-    verb->add_option("parameters", o->subject, "parameter set of rdq20 [fedele2023-ventricles]");
+    CLI::App* verb =
+        common(trade->add_subcommand("force", "Schemes, steps and sub-steps of a force model"), o);
+    verb->add_option("parameters", o->subject, "parameter set of a force model [fedele2023-ventricles]");
     verb->callback([o] {
-      (void)find_model("rdq20").parameter_values(o->subject);
+      const CellModel* model = nullptr;
+      std::vector<std::string> known;
+      for (const CellModel* candidate : force_models())
+        for (const ParameterSet& set : candidate->parameter_sets) {
+          known.emplace_back(set.name);
+          if (set.name == o->subject) model = candidate;
+        }
+      if (!model) refuse_unknown("parameter set of a force model", o->subject, known);
       Progress progress = progress_of(*o, "trade force");
-      const TradeStudy study = trade_force(o->subject, progress);
+      const TradeStudy study = trade_force(*model, o->subject, progress);
       progress.finish();
       finish(study, *o);
     });

@@ -44,7 +44,7 @@ struct ExtremesSettings {
 };
 
 ExtremesStudy extremes_cell(const CellModel& model, const ExtremesSettings& settings, Progress& progress);
-ExtremesStudy extremes_force(const ExtremesSettings& settings, Progress& progress);
+ExtremesStudy extremes_force(const CellModel& model, const ExtremesSettings& settings, Progress& progress);
 ExtremesStudy extremes_loop(const Loop& loop, const ExtremesSettings& settings, Progress& progress);
 ExtremesStudy extremes_heart(const std::filesystem::path& scene, const std::vector<std::string>& overrides,
                              const ExtremesSettings& settings, Progress& progress);

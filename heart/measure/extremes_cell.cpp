@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
-#include <wiggers/cellmodels/catalogue/rdq20_stepper.hpp>
+#include <wiggers/cellmodels/catalogue/force_stepper.hpp>
 #include <wiggers/cellmodels/pacing/action_potential.hpp>
 #include <wiggers/cellmodels/pacing/pacing.hpp>
 #include <wiggers/cellmodels/population/population.hpp>
-#include <wiggers/cellmodels/schemes/rdq20_midpoint.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/heart/measure/extremes.hpp>
+#include <wiggers/heart/measure/trade.hpp>
 
 namespace wiggers {
 
@@ -170,15 +170,15 @@ ExtremesStudy extremes_cell(const CellModel& model, const ExtremesSettings& sett
   return study;
 }
 
-ExtremesStudy extremes_force(const ExtremesSettings& settings, Progress& progress) {
+ExtremesStudy extremes_force(const CellModel& model, const ExtremesSettings& settings, Progress& progress) {
   ExtremesStudy study;
-  study.subject =
-      "rdq20: calcium 0.1 -> 10 uM at once, held 100 ms, and back; stable: probabilities in [-1e-10, 1], sum "
-      "1 within 1e-12";
+  study.subject = fmt::format(
+      "{}: calcium 0.1 -> 10 uM at once, held 100 ms, and back; stable: probabilities in [-1e-10, 1], sum "
+      "1 within 1e-12",
+      model.name);
   study.step_unit = "ms";
   study.accurate_means = "tension within 1 % of its peak up to, ms";
   study.roughly_means = "within 5 % up to, ms";
-  const CellModel& model = find_model("rdq20");
   struct Case {
     std::string set;
     double SL, rate;
@@ -190,11 +190,11 @@ ExtremesStudy extremes_force(const ExtremesSettings& settings, Progress& progres
   double done = 0;
   for (const Case& c : cases) {
     const auto parameters = model.parameter_values(c.set);
-    const Rdq20Stepper stepper(parameters);
+    const auto stepper = make_force_stepper<double>(model, parameters);
     const std::string condition = fmt::format("{}, SL {} um, rate {} um/s", c.set, c.SL, c.rate);
-    if (Rdq20::dissociation_constant(c.SL, parameters.data()) <= 0) {
+    if (!stepper->holds_at(c.SL)) {
       study.rows.push_back(
-          {"any", condition, {}, {}, {}, "refused: dissociation constant not positive at this length"});
+          {"any", condition, {}, {}, {}, "refused: the model does not describe this length"});
       continue;
     }
     // The length stands still while the rate acts: how a staggered step sees a fast stretch.
@@ -204,20 +204,13 @@ ExtremesStudy extremes_force(const ExtremesSettings& settings, Progress& progres
       const long n = std::lround(0.2 / h);
       for (long k = 0; k < n; ++k) {
         const double calcium = static_cast<double>(k) * h < 0.1 - 1e-12 ? 10.0 : 0.1;
-        if (midpoint) {
-          const double in[3] = {calcium, c.SL, c.rate};
-          if (!Rdq20Midpoint<double>().step(h, y.data(), in, stepper.constants())) return false;
-        } else {
-          const auto ru = stepper.step_regulation(y.data(), calcium, c.SL, h, 1);
-          stepper.step_crossbridges(y.data(), ru, -c.rate / parameters[Rdq20::SL0], h);
-        }
-        double sum = 0, lowest = 0;
-        for (int i = 0; i < Rdq20::n_probabilities; ++i) {
-          sum += y[i];
-          lowest = std::min(lowest, y[i]);
-        }
-        if (!(lowest >= -1e-10 && std::abs(sum - 1) <= 1e-12 * (1 + static_cast<double>(k)))) return false;
-        tension.push_back(stepper.tension_kPa(y.data(), c.SL));
+        ForcesOf<double> forces;
+        const auto regulation = midpoint ? RegulationScheme::midpoint : RegulationScheme::forward_euler;
+        if (!stepper->begin({regulation, 1, RateScheme::lagged}, h, y.data(), calcium, c.SL,
+                            -c.rate / stepper->reference_length_um(), forces))
+          return false;
+        if (!probabilities_kept(model, y, 1e-10, 1e-12 * (1 + static_cast<double>(k)))) return false;
+        tension.push_back(forces.tension_kPa);
       }
       return true;
     };
@@ -256,7 +249,7 @@ ExtremesStudy extremes_force(const ExtremesSettings& settings, Progress& progres
                           rate, h),
               [&] {
                 const auto parameters = model.parameter_values(set.name);
-                check_sarcomere_length(parameters, SL);
+                check_sarcomere_length(model, parameters, SL);
                 PopulationSettings population;
                 population.single_precision = random() % 2 == 0;
                 CellPopulation cells(model, 3, population, parameters);
@@ -264,13 +257,9 @@ ExtremesStudy extremes_force(const ExtremesSettings& settings, Progress& progres
                 cells.set_input("SL", SL);
                 cells.set_input("dSL/dt", rate);
                 for (int step = 0; step < 20; ++step) cells.step(h);
-                const auto y = cells.state_of(1);
-                double sum = 0;
-                for (int i = 0; i < Rdq20::n_probabilities; ++i) {
-                  if (!(y[static_cast<std::size_t>(i)] >= -1e-10)) return false;
-                  sum += y[static_cast<std::size_t>(i)];
-                }
-                return std::abs(sum - 1) < (population.single_precision ? 1e-4 : 1e-11);
+                return probabilities_kept(model, cells.state_of(1),
+                                          population.single_precision ? 1e-4 : 1e-10,
+                                          population.single_precision ? 1e-4 : 1e-11);
               });
   }
   return study;

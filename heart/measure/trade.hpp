@@ -50,7 +50,10 @@ struct TradeStudy {
 };
 
 TradeStudy trade_cell(const CellModel& model, const std::vector<double>& parameters, Progress& progress);
-TradeStudy trade_force(std::string_view parameter_set, Progress& progress);
+TradeStudy trade_force(const CellModel& model, std::string_view parameter_set, Progress& progress);
+// Whether probabilities are within [0, 1] (to `below`) and a model's invariants what they start with (to
+// `sum`).
+bool probabilities_kept(const CellModel& model, const std::vector<double>& y, double below, double sum);
 TradeStudy trade_loop(const Loop& loop, Progress& progress);
 // The scene with the overrides, then with each combination of solver settings on top.
 // Whether a scene has a wall of 3D tissue, and the trade of such a scene.

@@ -1,14 +1,13 @@
-// Work and precision of RDQ20: one twitch of 800 ms under an analytic calcium transient with shortening. The
-// cost is that of one cell; a batch's is per cell.
+// Work and precision of a force model: one twitch of 800 ms under an analytic calcium transient with
+// shortening. The cost is that of one cell; a batch's is per cell.
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
 #include <functional>
 #include <numbers>
-#include <wiggers/cellmodels/catalogue/rdq20_stepper.hpp>
+#include <wiggers/cellmodels/catalogue/force_stepper.hpp>
 #include <wiggers/cellmodels/population/population.hpp>
-#include <wiggers/cellmodels/schemes/rdq20_midpoint.hpp>
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/heart/measure/trade.hpp>
@@ -52,29 +51,39 @@ std::vector<double> errors(const Tension& trace, const Tension& exact) {
   return {100 * largest / *top, 100 * std::abs(*own / *top - 1)};
 }
 
-void require_probabilities(const double* y, double t) {
-  double sum = 0, lowest = 1;
-  for (int i = 0; i < Rdq20::n_probabilities; ++i) {
-    sum += y[i];
-    lowest = std::min(lowest, y[i]);
-  }
-  if (!(lowest >= -1e-6 && std::abs(sum - 1) < 1e-6))
+void require_probabilities(const CellModel& model, const std::vector<double>& y, double t) {
+  if (!probabilities_kept(model, y, 1e-6, 1e-6))
     throw NumericalFailure(fmt::format("probabilities left [0, 1] at {} s", t));
 }
 
 }  // namespace
 
-TradeStudy trade_force(std::string_view parameter_set, Progress& progress) {
-  const CellModel& model = find_model("rdq20");
+bool probabilities_kept(const CellModel& model, const std::vector<double>& y, double below, double sum) {
+  for (std::size_t i = 0; i < y.size(); ++i)
+    if (const Quantity& q = model.states[i];
+        q.lower == 0 && q.upper == 1 && !(y[i] >= -below && y[i] <= 1 + below))
+      return false;
+  const auto parameters = model.parameter_values(model.parameter_sets.front().name);
+  const auto now = model.invariant_values(y.data(), parameters.data()),
+             wanted = model.invariant_values(model.default_state().data(), parameters.data());
+  for (std::size_t k = 0; k < now.size(); ++k)
+    if (!(std::abs(now[k] - wanted[k]) <= sum)) return false;
+  return true;
+}
+
+TradeStudy trade_force(const CellModel& model, std::string_view parameter_set, Progress& progress) {
   const std::vector<double> parameters = model.parameter_values(parameter_set);
-  const Rdq20Stepper stepper(parameters);
+  const auto stepper = make_force_stepper<double>(model, parameters);
   const auto equations = model.equations(parameters);
   Twitch twitch;
-  twitch.SL0 = parameters[Rdq20::SL0];
-  const std::vector<double> rest = rdq20_steady_state(parameters, twitch.rest_uM, twitch.SL0);
+  twitch.SL0 = stepper->reference_length_um();
+  const std::vector<double> rest = steady_force_state(model, parameters, twitch.rest_uM, twitch.SL0);
+  const auto tension = [&](const std::vector<double>& y, double length) {
+    return stepper->forces(y.data(), length).tension_kPa;
+  };
 
   TradeStudy study;
-  study.subject = fmt::format("rdq20, {}: one twitch", parameter_set);
+  study.subject = fmt::format("{}, {}: one twitch", model.name, parameter_set);
   study.protocol =
       "800 ms, calcium 0.1 to 0.8 uM (rise 20 ms, decay 60 ms), sarcomere shortening by 8 % and back in 400 "
       "ms, "
@@ -96,13 +105,13 @@ TradeStudy trade_force(std::string_view parameter_set, Progress& progress) {
       equations->jacobian(y, in, j);
     };
     Cvode solver(system, {rtol, std::vector<double>(system.size, 1e-2 * rtol)});
-    Tension T = {stepper.tension_kPa(rest.data(), twitch.length(0))};
+    Tension T = {tension(rest, twitch.length(0))};
     solver.restart(0, rest);
     for (double begin : {0.0, 0.4}) {  // the shortening has a kink at 400 ms
       if (begin > 0) solver.restart(begin, solver.advance(begin));
       for (long k = std::lround(begin / grid_s) + 1; k <= std::lround((begin + 0.4) / grid_s); ++k) {
         const double t = static_cast<double>(k) * grid_s;
-        T.push_back(stepper.tension_kPa(solver.advance(t, begin + 0.4).data(), twitch.length(t)));
+        T.push_back(tension(solver.advance(t, begin + 0.4), twitch.length(t)));
       }
     }
     return T;
@@ -111,28 +120,31 @@ TradeStudy trade_force(std::string_view parameter_set, Progress& progress) {
   using Step = std::function<void(double t, double h, std::vector<double>& y)>;
   const auto march = [&](double h, const Step& step) {
     std::vector<double> y = rest;
-    Tension T = {stepper.tension_kPa(y.data(), twitch.length(0))};
+    Tension T = {tension(y, twitch.length(0))};
     const long n = std::lround(duration_s / h), every = std::lround(grid_s / h);
     for (long k = 0; k < n; ++k) {
       const double t = static_cast<double>(k) * h;
       step(t, h, y);
       if ((k + 1) % every != 0) continue;
-      require_probabilities(y.data(), t);
-      T.push_back(stepper.tension_kPa(y.data(), twitch.length(t + h)));
+      require_probabilities(model, y, t);
+      T.push_back(tension(y, twitch.length(t + h)));
     }
     return T;
   };
   const Step midpoint = [&](double t, double h, std::vector<double>& y) {
     double in[3];
     twitch.inputs(t + 0.5 * h, in);
-    if (!Rdq20Midpoint<double>().step(h, y.data(), in, stepper.constants()))
+    ForcesOf<double> forces;
+    if (!stepper->begin({RegulationScheme::midpoint, 1, RateScheme::lagged}, h, y.data(), in[0], in[1],
+                        -in[2] / twitch.SL0, forces))
       throw NumericalFailure("rates beyond the method's reach");
   };
   const auto substepped = [&](int substeps) {
     return [&, substeps](double t, double h, std::vector<double>& y) {
-      const double SL = twitch.length(t + h);
-      const auto ru = stepper.step_regulation(y.data(), twitch.calcium(t + h), SL, h, substeps);
-      stepper.step_crossbridges(y.data(), ru, -twitch.rate(t + 0.5 * h) / twitch.SL0, h);
+      ForcesOf<double> forces;
+      (void)stepper->begin({RegulationScheme::forward_euler, substeps, RateScheme::lagged}, h, y.data(),
+                           twitch.calcium(t + h), twitch.length(t + h),
+                           -twitch.rate(t + 0.5 * h) / twitch.SL0, forces);
     };
   };
 
@@ -175,7 +187,7 @@ TradeStudy trade_force(std::string_view parameter_set, Progress& progress) {
         for (std::size_t cell = 0; cell < n; ++cell) cells.set_state_of(cell, rest);
         const double h = 1e-3 * h_ms;
         const long steps = std::lround(duration_s / h), every = std::lround(grid_s / h);
-        Tension T = {stepper.tension_kPa(rest.data(), twitch.length(0))};
+        Tension T = {tension(rest, twitch.length(0))};
         for (long k = 0; k < steps; ++k) {
           const double t = (static_cast<double>(k) + 0.5) * h;
           cells.set_input("Ca", twitch.calcium(t));
@@ -183,7 +195,7 @@ TradeStudy trade_force(std::string_view parameter_set, Progress& progress) {
           cells.set_input("dSL/dt", twitch.rate(t));
           cells.step(h);
           if (n == 1 && (k + 1) % every == 0)
-            T.push_back(stepper.tension_kPa(cells.state_of(0).data(), twitch.length(t + 0.5 * h)));
+            T.push_back(tension(cells.state_of(0), twitch.length(t + 0.5 * h)));
         }
         return T;
       };

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
-#include <wiggers/cellmodels/catalogue/rdq20_stepper.hpp>
+#include <wiggers/cellmodels/catalogue/force_stepper.hpp>
 #include <wiggers/cellmodels/pacing/pacing.hpp>
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/cvode.hpp>
@@ -79,10 +79,10 @@ struct Fibre {
   const FibrePlan* plan = nullptr;
   const ReducedWallParameters* wall = nullptr;
   const CalciumTrace* calcium = nullptr;
-  std::unique_ptr<Rdq20Stepper> force;
+  std::unique_ptr<ForceStepper> force;
   std::unique_ptr<CellEquations> equations;
-  double activation_s = 0, mu1_rest = 0;
-  std::size_t offset = 0;  // of its twenty states
+  double activation_s = 0;
+  std::size_t offset = 0;  // of its states
   std::vector<double> rest;
 };
 
@@ -109,9 +109,10 @@ struct MonolithicHeart::Implementation {
   }
   // Tension above rest (kPa) and its excess (negative: at rest).
   double tension(const Fibre& f, const double* y, double lambda, double* excess) const {
-    const double SL = f.force->constants().p[Rdq20::SL0] * lambda;
-    const double T = f.force->tension_kPa(y + f.offset, SL);
-    const double rest = f.plan->settings.subtract_rest_tension ? f.force->scale(SL) * f.mu1_rest : 0.0;
+    const double SL = f.force->reference_length_um() * lambda;
+    const double T = f.force->forces(y + f.offset, SL).tension_kPa;
+    const double rest =
+        f.plan->settings.subtract_rest_tension ? f.force->forces(f.rest.data(), SL).tension_kPa : 0.0;
     if (excess) *excess = T - rest;
     return f.plan->settings.subtract_rest_tension ? std::max(0.0, T - rest) : T;
   }
@@ -150,7 +151,7 @@ struct MonolithicHeart::Implementation {
       const Fibre& f = fibres[static_cast<std::size_t>(fibre_of[c])];
       double slope = 0;
       const double lambda = stretch(c, y[V_LA + c], &slope);
-      const double SL0 = f.force->constants().p[Rdq20::SL0];
+      const double SL0 = f.force->reference_length_um();
       const double velocity = scene.rate == RateScheme::none ? 0.0 : SL0 * slope * dy[V_LA + c];
       const double in[3] = {f.calcium->at(t - f.activation_s), SL0 * lambda, velocity};
       f.equations->evaluate(y + f.offset, in, dy + f.offset, nullptr);
@@ -312,12 +313,12 @@ MonolithicHeart::MonolithicHeart(const Scene& scene, MonolithicSettings settings
     fibre.plan = &plan.fibres.front();
     fibre.wall = &plan.reduced;
     fibre.calcium = &m.calcium.at(fibre.plan->cells);
-    fibre.force = std::make_unique<Rdq20Stepper>(fibre.plan->force_parameters);
-    fibre.equations = find_model("rdq20").equations(fibre.plan->force_parameters);
+    const CellModel& model = *fibre.plan->force;
+    fibre.force = make_force_stepper<double>(model, fibre.plan->force_parameters);
+    fibre.equations = model.equations(fibre.plan->force_parameters);
     fibre.activation_s = fibre.plan->activation_ms / units::ms_per_s;
-    fibre.rest = rdq20_steady_state(fibre.plan->force_parameters, fibre.calcium->lowest,
-                                    fibre.force->constants().p[Rdq20::SL0]);
-    fibre.mu1_rest = fibre.rest[Rdq20::mu1_P] + fibre.rest[Rdq20::mu1_N];
+    fibre.rest = steady_force_state(model, fibre.plan->force_parameters, fibre.calcium->lowest,
+                                    fibre.force->reference_length_um());
     fibre.offset = m.state.size();
     m.state.insert(m.state.end(), fibre.rest.begin(), fibre.rest.end());
     m.fibre_of[c] = static_cast<int>(m.fibres.size());
@@ -346,10 +347,10 @@ LimitCycleCertificate MonolithicHeart::to_limit_cycle(double distance) {
   };
   map.admit = [&](std::vector<double>& y) {
     for (const Fibre& f : m.fibres) {
-      double sum = 0;
-      for (int i = 0; i < Rdq20::n_probabilities; ++i)
-        sum += y[f.offset + i] = std::max(0.0, y[f.offset + i]);
-      for (int i = 0; i < Rdq20::n_probabilities; ++i) y[f.offset + i] /= sum;
+      const CellModel& model = *f.plan->force;
+      for (std::size_t i = 0; i < model.states.size(); ++i)
+        if (model.states[i].lower == 0) y[f.offset + i] = std::max(0.0, y[f.offset + i]);
+      model.normalise(&y[f.offset]);
     }
     hold_total_volume(m.scene.circulation, y.data(), m.volume);
   };

@@ -76,7 +76,8 @@ ActiveFibre HeartRun::make_fibre(const FibrePlan& plan, const std::string& place
   } else {
     source = std::make_unique<PrescribedCalcium>(type.transient, period_ms, plan.activation_ms);
   }
-  return ActiveFibre(plan.settings, plan.force_parameters, paced.calcium_min_uM, std::move(source), place);
+  return ActiveFibre(plan.settings, *plan.force, plan.force_parameters, paced.calcium_min_uM,
+                     std::move(source), place);
 }
 
 void HeartRun::build() {

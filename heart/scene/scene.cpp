@@ -75,13 +75,14 @@ CellType read_cells(SettingsReader& table, const std::string& name) {
                                              as_strings(calcium_reading_names), "calcium reading");
     cell.rescaling.reading = reading == "peak" ? CalciumReading::peak : CalciumReading::scaled;
   }
-  const CellModel& force = find_model("rdq20");
-  const std::vector<std::string> forces = {std::string(force.name)};
-  table.choice("force", force.name, forces, "force model");
+  std::vector<std::string> forces;
+  for (const CellModel* model : force_models()) forces.emplace_back(model->name);
+  cell.force = &find_model(table.choice("force", forces.front(), forces, "force model"));
+  const CellModel& force = *cell.force;
   std::vector<std::string> sets;
   for (const ParameterSet& set : force.parameter_sets) sets.emplace_back(set.name);
   cell.force_parameters =
-      force.parameter_values(table.choice("parameters", "human37", sets, "force parameter set"));
+      force.parameter_values(table.choice("parameters", sets.front(), sets, "force parameter set"));
   if (table.has("force_changes")) read_parameters(table.table("force_changes"), force, cell.force_parameters);
   return cell;
 }
@@ -112,11 +113,14 @@ FibrePlan read_fibre(SettingsReader& table, double period_s, const std::map<std:
         table.place("cells"), ionic->name));
   fibre.settings.active = table.flag("active", true);
   fibre.settings.subtract_rest_tension = table.flag("subtract_rest_tension", true);
+  fibre.force = cells.at(fibre.cells).force;
   fibre.force_parameters = cells.at(fibre.cells).force_parameters;
-  fibre.force_parameters[Rdq20::a_XB] = table.number(scene_keys::a_XB, fibre.force_parameters[Rdq20::a_XB]);
+  double& strength = fibre.force_parameters[static_cast<std::size_t>(fibre.force->parameter(Role::strength))];
+  strength = table.number(fibre.force->strength_key, strength);
   // The force model must hold at least at the length that strain is referred to.
   try {
-    check_sarcomere_length(fibre.force_parameters, fibre.force_parameters[Rdq20::SL0]);
+    const auto SL0 = static_cast<std::size_t>(fibre.force->parameter(Role::reference_length));
+    check_sarcomere_length(*fibre.force, fibre.force_parameters, fibre.force_parameters[SL0]);
   } catch (const InputError& error) {
     throw InputError(fmt::format("{}: cells {}: {}", table.place("cells"), fibre.cells, error.what()));
   }
@@ -565,10 +569,9 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
   const double substep_s = scene.regulatory_substep_us * 1e-6;
   for (WallPlan& wall : scene.walls)
     for (FibrePlan& fibre : wall.fibres) {
-      fibre.settings.regulatory_substeps =
-          std::max(1, static_cast<int>(std::ceil(scene.dt_s / substep_s - 1e-9)));
-      fibre.settings.regulation = scene.regulation;
-      fibre.settings.rate = scene.rate;
+      fibre.settings.scheme = {scene.regulation,
+                               std::max(1, static_cast<int>(std::ceil(scene.dt_s / substep_s - 1e-9))),
+                               scene.rate};
       fibre.settings.stabilise = scene.stabilise_active_stress;
     }
   scene.text = full_text(reader, scene);

@@ -31,6 +31,7 @@ struct CellType {
   CalciumShape transient;
   StimulusPulse stimulus;
   bool from_limit_cycle = true;  // start from the cell's limit cycle, or from its published state
+  const CellModel* force = nullptr;
   std::vector<double> force_parameters;
   CalciumRescaling rescaling;
   double calcium_factor_period_s = 0;  // at which the factor was chosen; 0: not said
@@ -41,7 +42,8 @@ struct FibrePlan {
   std::string cells;  // name of the entry of [cells]
   double activation_ms = 0;
   ActiveFibreSettings settings;
-  std::vector<double> force_parameters;  // of the cell type, with the piece's own a_XB
+  const CellModel* force = nullptr;
+  std::vector<double> force_parameters;  // of the cell type, with the piece's own strength
 };
 
 // What is computed: a heart in the closed loop, or one physics of a body of 3D tissue alone.

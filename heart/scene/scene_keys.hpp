@@ -47,8 +47,6 @@ inline constexpr Quantity b_nn{"b_nn", "1", 3,
                                0,      100, "exponent of the Usyk law across the fibre in the wall"};
 inline constexpr Quantity n_f{"n_f", "1", 1, 0, 1, "share of active stress along the fibre"};
 inline constexpr Quantity n_n{"n_n", "1", 0.4, 0, 1, "share of active stress across the fibre in the wall"};
-inline constexpr Quantity a_XB{"a_XB_kPa", "kPa", 3.75e5,
-                               0,          2e7,   "tension per unit of first crossbridge moment"};
 inline constexpr Quantity viscosity{"viscosity_Pa_s", "Pa s", 0, 0, 1e5, "viscosity of the wall"};
 inline constexpr Quantity robin_k{"epicardial_stiffness_Pa_per_m",         "Pa/m", 0, 0, 1e7,
                                   "surroundings: spring on the epicardium"};

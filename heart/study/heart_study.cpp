@@ -14,6 +14,9 @@
 namespace wiggers {
 
 namespace {
+std::size_t strength_index(const FibrePlan& fibre) {
+  return static_cast<std::size_t>(fibre.force->parameter(Role::strength));
+}
 
 // The scene's text with the blood volume as a number of its own, so that other numbers leave it alone.
 std::string with_total_volume(const Scene& scene) {
@@ -50,7 +53,7 @@ struct HeartStudy::Numbers {
   struct Wall {
     ElastanceParametersOf<T> elastance;
     ReducedWallParametersOf<T> reduced;
-    T activation_ms = 0, a_XB_kPa = 0;
+    T activation_ms = 0, strength_kPa = 0;
   };
   std::vector<Wall> walls;
 };
@@ -65,7 +68,7 @@ void HeartStudy::for_each_number(AnyNumbers& n, Visit visit) const {
     if (type.ionic) {
       const std::span<const Quantity> ionic = type.ionic->parameters;
       for (std::size_t k = 0; k < ionic.size(); ++k)
-        if (ionic[k].name != "stimulus_K_fraction")
+        if (ionic[k].role != Role::stimulus_share)
           visit(at + "ionic_changes." + std::string(ionic[k].name), ionic[k], cell.ionic[k]);
       visit(at + "stimulus_A_per_F", stimulus_amplitude_quantity, cell.ionic[ionic.size() + 1]);
       visit(at + "stimulus_ms", stimulus_duration_quantity, cell.ionic[ionic.size() + 2]);
@@ -76,10 +79,10 @@ void HeartStudy::for_each_number(AnyNumbers& n, Visit visit) const {
       visit(at + "rise_ms", scene_keys::rise, cell.transient.rise_ms);
       visit(at + "decay_ms", scene_keys::decay, cell.transient.decay_ms);
     }
+    const std::span<const Quantity> force = type.force->parameters;
     for (std::size_t k = 0; k < cell.force.size(); ++k)
-      if (k != Rdq20::a_XB)  // the wall's own
-        visit(at + "force_changes." + std::string(Rdq20::parameters[k].name), Rdq20::parameters[k],
-              cell.force[k]);
+      if (force[k].role != Role::strength)  // the wall's own
+        visit(at + "force_changes." + std::string(force[k].name), force[k], cell.force[k]);
   }
   for (std::size_t w = 0; w < scene_.walls.size(); ++w) {
     auto& wall = n.walls[w];
@@ -99,7 +102,8 @@ void HeartStudy::for_each_number(AnyNumbers& n, Visit visit) const {
     visit(at + "b_ss", scene_keys::b_ss, r.passive.b_ss);
     visit(at + "b_nn", scene_keys::b_nn, r.passive.b_nn);
     if (!scene_.walls[w].fibres.front().settings.active) continue;
-    visit(at + "a_XB_kPa", scene_keys::a_XB, wall.a_XB_kPa);
+    const Quantity& strength = scene_.walls[w].fibres.front().force->strength_key;
+    visit(at + std::string(strength.name), strength, wall.strength_kPa);
     visit(at + "n_f", scene_keys::n_f, r.n_f);
     visit(at + "n_n", scene_keys::n_n, r.n_n);
     // Terms that the scene leaves out (zero) stay out.
@@ -164,7 +168,7 @@ HeartStudy::Numbers<T> HeartStudy::numbers() const {
     Numbers<double>::Wall wall{plan.elastance, plan.reduced, 0, 0};
     if (!plan.fibres.empty()) {
       wall.activation_ms = plan.fibres.front().activation_ms;
-      wall.a_XB_kPa = plan.fibres.front().force_parameters[Rdq20::a_XB];
+      wall.strength_kPa = plan.fibres.front().force_parameters[strength_index(plan.fibres.front())];
     }
     plain.walls.push_back(wall);
   }
@@ -188,7 +192,7 @@ HeartStudy::Numbers<T> HeartStudy::numbers() const {
       lifted.reduced.epicardial_damping_Pa_s_per_m = wall.reduced.epicardial_damping_Pa_s_per_m;
       lifted.reduced.n_f = wall.reduced.n_f;
       lifted.reduced.n_n = wall.reduced.n_n;
-      lifted.a_XB_kPa = wall.a_XB_kPa;
+      lifted.strength_kPa = wall.strength_kPa;
       result.walls.push_back(lifted);
     }
     std::vector<double> values;
@@ -353,10 +357,10 @@ std::unique_ptr<HeartDriverOf<T>> HeartStudy::build(const Numbers<T>& n, const C
       source = std::make_unique<PrescribedCalciumOf<T>>(cell.transient, period_ms, wall.activation_ms);
     }
     std::vector<T> force = cell.force;
-    force[Rdq20::a_XB] = wall.a_XB_kPa;
+    force[strength_index(fibre)] = wall.strength_kPa;
     walls.push_back(std::make_unique<ReducedWallOf<T>>(
         plan.cavities.front(), wall.reduced,
-        ActiveFibreOf<T>(fibre.settings, force, rest, std::move(source), plan.name)));
+        ActiveFibreOf<T>(fibre.settings, *fibre.force, force, rest, std::move(source), plan.name)));
   }
   const double steps = std::round(scene_.period_s / scene_.dt_s);
   return std::make_unique<HeartDriverOf<T>>(

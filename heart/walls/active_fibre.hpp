@@ -1,44 +1,21 @@
-// The active stress of one piece of wall in a staggered step: cell -> calcium -> RDQ20 -> tension and
-// stiffness.
-//
-// Shared by every kind of wall that is driven by cells. The wall sees the stress T + K (lambda - lambda^n):
-// attached bridges are stretched at once by the strain of the step (the stabilised active stress). Switched
-// off, K is 0.
+// The active stress of one piece of wall in a staggered step: cell -> calcium -> force model -> tension and
+// stiffness. Shared by every reduced kind of wall that is driven by cells; how the force model steps is
+// cellmodels/schemes/force_step.hpp, for these walls and for tissue.
 #pragma once
 
-#include <array>
 #include <memory>
 #include <string>
-#include <wiggers/cellmodels/catalogue/rdq20_stepper.hpp>
+#include <wiggers/cellmodels/catalogue/force_stepper.hpp>
 #include <wiggers/heart/walls/cell_source.hpp>
 #include <wiggers/heart/walls/wall.hpp>
 
 namespace wiggers {
 
-// How strain reaches the crossbridges in a step.
-enum class RateScheme {
-  lagged,    // the strain rate of the previous step; T + K (lambda - lambda^n) if stabilised
-  implicit,  // bridges predicted without sliding, stiffness averaged over the step, repeated with the true
-             // rate
-  none       // no stretch-rate feedback: rate and K are zero
-};
-inline constexpr std::array<std::string_view, 3> rate_scheme_names = {"lagged", "implicit", "none"};
-
-// How the regulatory units of RDQ20 step.
-enum class RegulationScheme {
-  midpoint,      // frozen rates in two stages: second order, positive and conserving for every step
-  forward_euler  // sub-stepped, inputs held at the new time: the founding paper's
-};
-inline constexpr std::array<std::string_view, 2> regulation_scheme_names = {"frozen-midpoint",
-                                                                            "forward-euler"};
-
 struct ActiveFibreSettings {
   bool active = true;                 // false: no active stress at all
   bool subtract_rest_tension = true;  // T_eff = max(0, T - steady tension at rest_calcium)
-  RegulationScheme regulation = RegulationScheme::forward_euler;
-  int regulatory_substeps = 40;  // forward_euler
-  RateScheme rate = RateScheme::lagged;
-  bool stabilise = true;
+  ForceScheme scheme = {RegulationScheme::forward_euler, 40, RateScheme::lagged};
+  bool stabilise = true;  // the wall sees T + K (lambda - lambda^n); without, K is 0
 };
 
 // Tension in a step as a function of the stretch at its end.
@@ -60,12 +37,12 @@ template <class T>
 class ActiveFibreOf {
  public:
   // `rest_calcium_uM`: whose steady tension is removed; `place` names the piece of wall in messages.
-  ActiveFibreOf(ActiveFibreSettings settings, const std::vector<T>& force_parameters,
+  ActiveFibreOf(ActiveFibreSettings settings, const CellModel& force, const std::vector<T>& force_parameters,
                 const T& rest_calcium_uM, std::unique_ptr<CellSourceOf<T>> cell, std::string place);
 
   void start(const T& stretch);
   void begin_step(const T& t, const T& dt);
-  FibreLaw<T> law() const { return {settings_.active, tension_, stiffness_, stretch_}; }
+  FibreLaw<T> law() const { return {settings_.active, forces_.tension_kPa, forces_.stiffness_kPa, stretch_}; }
   void accept_step(const T& stretch);
   // Another stretch between two beats; the rate is kept.
   void move_to(const T& stretch);
@@ -79,20 +56,19 @@ class ActiveFibreOf {
 
  private:
   ActiveFibreSettings settings_;
-  Rdq20StepperOf<T> force_;
+  const CellModel& model_;
+  std::unique_ptr<ForceStepperOf<T>> force_;
   std::unique_ptr<CellSourceOf<T>> cell_;
   std::string place_;
-  T mu1_rest_ = 0;
+  std::vector<T> rest_;  // state whose tension is removed
 
   // State.
-  std::array<T, 20> bridges_{};
+  std::vector<T> bridges_;
   T stretch_ = 1, stretch_before_ = 1;  // at the start of the step, and one step earlier
   T calcium_before_ = -1;               // at the start of the step; negative: not known yet
   // Of the current step.
-  T tension_ = 0, stiffness_ = 0;      // kPa, rest tension removed
-  T dt_ = 1, dt_before_ = -1;          // of this step and the one before it; negative: the same
-  Rdq20::Regulation<T> regulation_{};  // implicit rate: to repeat the bridge step
-  std::array<T, 4> moments_before_{};
+  ForcesOf<T> forces_;         // kPa, rest tension removed
+  T dt_ = 1, dt_before_ = -1;  // of this step and the one before it; negative: the same
 };
 using ActiveFibre = ActiveFibreOf<double>;
 

@@ -4,7 +4,8 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <wiggers/cellmodels/catalogue/catalogue.hpp>
-#include <wiggers/cellmodels/catalogue/rdq20_stepper.hpp>
+#include <wiggers/cellmodels/catalogue/force_stepper.hpp>
+#include <wiggers/cellmodels/models/rdq20.hpp>
 #include <wiggers/core/cvode.hpp>
 #include <wiggers/core/errors.hpp>
 
@@ -21,8 +22,9 @@ const Set sets[] = {
     {"human37", "human37"}, {"fedele2023-ventricles", "ventricle"}, {"fedele2023-atria", "atrium"}};
 
 double steady_tension(const std::vector<double>& parameters, double calcium, double length) {
-  const auto y = rdq20_steady_state(parameters, calcium, length);
-  return Rdq20Stepper(parameters).tension_kPa(y.data(), length);
+  const CellModel& model = find_model("rdq20");
+  const auto y = steady_force_state(model, parameters, calcium, length);
+  return make_force_stepper<double>(model, parameters)->forces(y.data(), length).tension_kPa;
 }
 
 // Calcium of the twitch protocol: rest 0.1, peak 0.9 uM, 20 and 50 ms, from 10 ms on.
@@ -58,7 +60,7 @@ double series_error(const char* set, const Table& table, bool analytic) {
     model.evaluate(state, in, parameters.data(), dy, nullptr);
   };
   Cvode solver(system, {1e-9, std::vector<double>(y.size(), 1e-14)});
-  const Rdq20Stepper stepper(parameters);
+  const auto stepper = make_force_stepper<double>(model, parameters);
   double error = 0, peak = 0;
   bool fresh = true;
   double slope_before = 0;
@@ -69,7 +71,8 @@ double series_error(const char* set, const Table& table, bool analytic) {
     fresh = false;
     slope_before = slope;
     y = solver.advance(t[k]);
-    error = std::max(error, std::abs(stepper.tension_kPa(y.data(), length[k]) - table.at("Ta").values[k]));
+    error = std::max(error,
+                     std::abs(stepper->forces(y.data(), length[k]).tension_kPa - table.at("Ta").values[k]));
     peak = std::max(peak, table.at("Ta").values[k]);
   }
   return error / peak;
@@ -95,7 +98,7 @@ TEST_CASE("steady force-calcium curves against the reference") {
 TEST_CASE("resting tension of the whole-heart sets") {
   const CellModel& model = find_model("rdq20");
   const auto rest = [&](const char* set, double calcium) {
-    const auto y = rdq20_steady_state(model.parameter_values(set), calcium, 1.9);
+    const auto y = steady_force_state(model, model.parameter_values(set), calcium, 1.9);
     return y[Rdq20::mu1_P] + y[Rdq20::mu1_N];
   };
   CHECK(rest("fedele2023-ventricles", 0.05444) == Approx(7.457e-6).epsilon(1e-3));
@@ -120,65 +123,72 @@ TEST_CASE("twitches and ramps against the reference") {
 TEST_CASE("the stepper converges to the equations - crossbridges are exact for frozen regulation") {
   const CellModel& model = find_model("rdq20");
   const auto parameters = model.parameter_values("fedele2023-ventricles");
-  const Rdq20Stepper stepper(parameters);
+  const auto stepper = make_force_stepper<double>(model, parameters);
   const double in[3] = {0.6, 2.0, -3.0};
   OdeSystem system;
-  system.size = 20;
+  system.size = model.states.size();
   system.derivative = [&](double, const double* y, double* dy) {
     model.evaluate(y, in, parameters.data(), dy, nullptr);
   };
-  const auto start = rdq20_steady_state(parameters, 0.1, 2.0);
-  Cvode solver(system, {1e-11, std::vector<double>(20, 1e-16)});
+  const auto start = steady_force_state(model, parameters, 0.1, 2.0);
+  Cvode solver(system, {1e-11, std::vector<double>(system.size, 1e-16)});
   solver.restart(0, start);
-  const auto exact = solver.advance(0.05);
+  const double exact = stepper->forces(solver.advance(0.05).data(), in[1]).tension_kPa;
   std::vector<double> errors;
   for (double dt : {1e-3, 5e-4, 2.5e-4}) {
     std::vector<double> y = start;
-    for (double t = 0; t < 0.05 - 1e-9; t += dt) {
-      const auto ru =
-          stepper.step_regulation(y.data(), in[0], in[1], dt, static_cast<int>(std::lround(dt / 2.5e-5)));
-      stepper.step_crossbridges(y.data(), ru, -in[2] / parameters[Rdq20::SL0], dt);
-    }
+    ForcesOf<double> forces;
+    const ForceScheme scheme = {RegulationScheme::forward_euler, static_cast<int>(std::lround(dt / 2.5e-5)),
+                                RateScheme::lagged};
+    for (double t = 0; t < 0.05 - 1e-9; t += dt)
+      REQUIRE(stepper->begin(scheme, dt, y.data(), in[0], in[1], -in[2] / stepper->reference_length_um(),
+                             forces));
     double sum = 0;
-    for (int i = 0; i < 16; ++i) sum += y[i];
+    for (int i = 0; i < Rdq20::n_probabilities; ++i) sum += y[i];
     CHECK(sum == Approx(1).epsilon(1e-12));
-    errors.push_back(
-        std::abs(stepper.tension_kPa(y.data(), in[1]) / stepper.tension_kPa(exact.data(), in[1]) - 1));
+    errors.push_back(std::abs(forces.tension_kPa / exact - 1));
   }
   CHECK(errors[0] < 0.02);
   CHECK(errors[2] < 0.6 * errors[1]);
 
   // Frozen regulation: one large step equals many small ones to rounding.
   std::vector<double> once = start, often = start;
-  const auto ru = Rdq20::regulation(start.data(), 0.6, 2.0, stepper.constants());
-  stepper.step_crossbridges(once.data(), ru, 1.7, 8e-3);
-  for (int k = 0; k < 64; ++k) stepper.step_crossbridges(often.data(), ru, 1.7, 1.25e-4);
-  for (int i = 16; i < 20; ++i) CHECK(once[i] == Approx(often[i]).epsilon(1e-11));
+  const auto constants = Rdq20::constants(parameters.data());
+  const auto ru = Rdq20::regulation(start.data(), 0.6, 2.0, constants);
+  Rdq20::cycle(8e-3, once.data(), ru, 1.7, 1.7, constants);
+  for (int k = 0; k < 64; ++k) Rdq20::cycle(1.25e-4, often.data(), ru, 1.7, 1.7, constants);
+  for (std::size_t i = Rdq20::n_probabilities; i < once.size(); ++i)
+    CHECK(once[i] == Approx(often[i]).epsilon(1e-11));
 }
 
 TEST_CASE("a twitch keeps probability, symmetry and positivity") {
-  const auto parameters = find_model("rdq20").parameter_values("fedele2023-atria");
-  const Rdq20Stepper stepper(parameters);
-  auto y = rdq20_steady_state(parameters, 0.1, 1.9);
-  for (int n = 0; n < 400; ++n) {
-    const double calcium = 0.1 + 0.7 * std::exp(-n / 80.0) * (1 - std::exp(-n / 15.0));
-    const auto ru = stepper.step_regulation(y.data(), calcium, 1.9, 1e-3, 40);
-    stepper.step_crossbridges(y.data(), ru, 0, 1e-3);
-    double sum = 0;
-    for (int a = 0; a < 2; ++a)
-      for (int b = 0; b < 2; ++b)
-        for (int c = 0; c < 2; ++c)
-          for (int B = 0; B < 2; ++B) {
-            sum += y[Rdq20::P(a, b, c, B)];
-            REQUIRE(y[Rdq20::P(a, b, c, B)] > -1e-12);
-            REQUIRE(y[Rdq20::P(a, b, c, B)] == Approx(y[Rdq20::P(c, b, a, B)]).margin(1e-12));
-          }
-    REQUIRE(sum == Approx(1).epsilon(1e-12));
+  const CellModel& model = find_model("rdq20");
+  const auto parameters = model.parameter_values("fedele2023-atria");
+  const auto stepper = make_force_stepper<double>(model, parameters);
+  for (const RegulationScheme regulation : {RegulationScheme::forward_euler, RegulationScheme::midpoint}) {
+    auto y = steady_force_state(model, parameters, 0.1, 1.9);
+    ForcesOf<double> forces;
+    for (int n = 0; n < 400; ++n) {
+      const double calcium = 0.1 + 0.7 * std::exp(-n / 80.0) * (1 - std::exp(-n / 15.0));
+      REQUIRE(stepper->begin({regulation, 40, RateScheme::lagged}, 1e-3, y.data(), calcium, 1.9, 0, forces));
+      double sum = 0;
+      for (int a = 0; a < 2; ++a)
+        for (int b = 0; b < 2; ++b)
+          for (int c = 0; c < 2; ++c)
+            for (int B = 0; B < 2; ++B) {
+              sum += y[Rdq20::P(a, b, c, B)];
+              REQUIRE(y[Rdq20::P(a, b, c, B)] > -1e-12);
+              REQUIRE(y[Rdq20::P(a, b, c, B)] == Approx(y[Rdq20::P(c, b, a, B)]).margin(1e-12));
+            }
+      REQUIRE(sum == Approx(1).epsilon(1e-12));
+    }
   }
 }
 
 TEST_CASE("a sarcomere length beyond the force model is refused with the bound") {
-  const auto parameters = find_model("rdq20").parameter_values("human37");
-  CHECK_THROWS_WITH(rdq20_steady_state(parameters, 0.3, 2.9), Catch::Contains("SL must stay below 2.817"));
-  CHECK_THROWS_AS(rdq20_steady_state(parameters, -0.1, 2.0), InputError);
+  const CellModel& model = find_model("rdq20");
+  const auto parameters = model.parameter_values("human37");
+  CHECK_THROWS_WITH(steady_force_state(model, parameters, 0.3, 2.9),
+                    Catch::Contains("SL must stay below 2.817"));
+  CHECK_THROWS_AS(steady_force_state(model, parameters, -0.1, 2.0), InputError);
 }

@@ -175,16 +175,18 @@ TEST_CASE("rates keep to one side of their branch and the crossing is an end of 
 }
 
 TEST_CASE("a Jacobian in parts is the Jacobian of the whole") {
-  for (const char* name : {"crn", "ttp06-mid", "rdq20"}) {
-    const CellModel& model = find_model(name);
+  for (const CellModel* each : catalogue()) {
+    const CellModel& model = *each;
     const auto parameters = model.parameter_values(model.parameter_sets.front().name);
     const auto equations = model.equations(parameters);
     std::vector<double> y = model.default_state(), in, rates(y.size()), other(y.size()),
                         jacobian(y.size() * y.size());
     for (const Quantity& q : model.inputs) in.push_back(q.default_value);
-    if (model.is_ionic()) y[0] = -33.3;
-    if (!model.is_ionic())
-      for (std::size_t i = 0; i < 16; ++i) y[i] = (1.0 + static_cast<double>(i)) / 136.0;
+    if (model.is_ionic()) y[static_cast<std::size_t>(model.membrane_potential)] = -33.3;
+    if (!model.is_ionic()) {
+      for (std::size_t i = 0; i < y.size(); ++i) y[i] = (1.0 + static_cast<double>(i)) / 136.0;
+      model.normalise(y.data());
+    }
     equations->jacobian(y.data(), in.data(), jacobian.data());
     equations->evaluate(y.data(), in.data(), rates.data(), nullptr);
     for (std::size_t column = 0; column < y.size(); ++column) {
@@ -195,7 +197,7 @@ TEST_CASE("a Jacobian in parts is the Jacobian of the whole") {
       equations->evaluate(up.data(), in.data(), rates.data(), nullptr);
       equations->evaluate(down.data(), in.data(), other.data(), nullptr);
       for (std::size_t row = 0; row < y.size(); ++row) {
-        INFO(name << " d" << model.states[row].name << "/d" << model.states[column].name);
+        INFO(model.name << " d" << model.states[row].name << "/d" << model.states[column].name);
         const double difference = (rates[row] - other[row]) / (2 * h);
         CHECK(jacobian[row + y.size() * column] ==
               Approx(difference).epsilon(2e-4).margin(1e-5 * (1 + std::abs(rates[row]) / h * 1e-9)));

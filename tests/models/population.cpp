@@ -4,10 +4,11 @@
 #include <cmath>
 #include <random>
 #include <wiggers/cellmodels/models/crn.hpp>
+#include <wiggers/cellmodels/models/force_models.hpp>
 #include <wiggers/cellmodels/models/ttp06.hpp>
 #include <wiggers/cellmodels/pacing/pacing.hpp>
 #include <wiggers/cellmodels/population/population.hpp>
-#include <wiggers/cellmodels/schemes/rdq20_midpoint.hpp>
+#include <wiggers/cellmodels/schemes/force_step.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/fixed_step.hpp>
@@ -19,17 +20,14 @@ namespace {
 std::vector<double> random_state(const CellModel& model, std::mt19937& random, bool singular) {
   std::uniform_real_distribution<double> unit(0.02, 0.98);
   std::vector<double> y;
-  double sum = 0;
-  for (std::size_t i = 0; i < model.states.size(); ++i) {
-    const Quantity& q = model.states[i];
+  for (const Quantity& q : model.states) {
     double value = unit(random);
     if (q.unit == "mV") value = singular ? (random() % 2 ? -47.13 : 15.0) : -95 + 150 * value;
     if (q.unit == "mM") value = q.default_value * (0.5 + value);
-    if (!model.is_ionic() && i >= 16) value *= 0.01;
-    if (!model.is_ionic() && i < 16) sum += value;
+    if (!model.is_ionic()) value *= q.upper > 1 ? 0.01 : 0.2;  // moments and distortions; shares of one
     y.push_back(value);
   }
-  for (std::size_t i = 0; !model.is_ionic() && i < 16; ++i) y[i] /= sum;
+  model.normalise(y.data());
   return y;
 }
 
@@ -255,34 +253,66 @@ TEST_CASE("a population refuses what it cannot do and explains what went wrong")
   }
 }
 
-TEST_CASE("RDQ20's population is its scalar midpoint step") {
-  const CellModel& model = find_model("rdq20");
+TEST_CASE("every force model: lanes take the scalar step, outside and inside of walls") {
   std::mt19937 random(2);
-  for (InstructionSet set : usable_instruction_sets()) {
-    PopulationSettings settings;
-    settings.instruction_set = to_string(set);
-    CellPopulation cells(model, n_cells, settings, model.parameter_values("fedele2023-atria"));
-    std::vector<std::vector<double>> states;
-    std::vector<double> calcium;
-    for (std::size_t cell = 0; cell < n_cells; ++cell) {
-      states.push_back(random_state(model, random, false));
-      cells.set_state_of(cell, states.back());
-      calcium.push_back(0.05 + 0.1 * static_cast<double>(cell));
-    }
-    cells.set_inputs("Ca", calcium);
-    cells.set_input("SL", 2.0);
-    cells.set_input("dSL/dt", -1.5);
-    cells.step(1e-3);
-    const auto parameters = model.parameter_values("fedele2023-atria");
-    const auto constants = Rdq20::constants(parameters.data());
-    for (std::size_t cell = 0; cell < n_cells; ++cell) {
-      const double in[3] = {calcium[cell], 2.0, -1.5};
-      REQUIRE(Rdq20Midpoint<double>().step(1e-3, states[cell].data(), in, constants));
-      const auto lane = cells.state_of(cell);
-      for (std::size_t i = 0; i < lane.size(); ++i)
-        CHECK(std::abs(lane[i] - states[cell][i]) <= 1e-12 * std::max(1e-3, std::abs(lane[i])));
-    }
-  }
+  int n_models = 0;
+  ForceModels::each([&]<class Model>() {
+    ++n_models;
+    const CellModel& model = find_model(Model::name);
+    for (const ParameterSet& parameter_set : model.parameter_sets)
+      for (InstructionSet set : usable_instruction_sets()) {
+        const auto parameters = model.parameter_values(parameter_set.name);
+        const auto constants = Model::constants(parameters.data());
+        INFO(Model::name << " " << parameter_set.name << " " << to_string(set));
+        PopulationSettings settings;
+        settings.instruction_set = to_string(set);
+        CellPopulation cells(model, n_cells, settings, parameters);
+        settings.integrator = "in-wall";
+        CellPopulation in_wall(model, n_cells, settings, parameters);
+        std::vector<std::vector<double>> states;
+        std::vector<double> calcium;
+        for (std::size_t cell = 0; cell < n_cells; ++cell) {
+          states.push_back(random_state(model, random, false));
+          calcium.push_back(0.05 + 0.1 * static_cast<double>(cell));
+        }
+        const auto near = [](const std::vector<double>& lane, const std::vector<double>& wanted) {
+          for (std::size_t i = 0; i < lane.size(); ++i)
+            CHECK(std::abs(lane[i] - wanted[i]) <= 1e-12 * std::max(1e-3, std::abs(wanted[i])));
+        };
+        for (CellPopulation* many : {&cells, &in_wall}) {
+          for (std::size_t cell = 0; cell < n_cells; ++cell) many->set_state_of(cell, states[cell]);
+          many->set_inputs("Ca", calcium);
+          many->set_input("SL", 2.0);
+          many->set_input("dSL/dt", -1.5);
+        }
+        cells.step(1e-3);
+        for (std::size_t cell = 0; cell < n_cells; ++cell) {
+          const double in[3] = {calcium[cell], 2.0, -1.5};
+          std::vector<double> y = states[cell];
+          REQUIRE(force_midpoint_step<Model>(1e-3, y.data(), in, constants));
+          near(cells.state_of(cell), y);
+        }
+        for (const RegulationScheme regulation :
+             {RegulationScheme::midpoint, RegulationScheme::forward_euler})
+          for (const RateScheme rate : {RateScheme::lagged, RateScheme::implicit, RateScheme::none}) {
+            const ForceScheme scheme = {regulation, 60, rate};
+            for (std::size_t cell = 0; cell < n_cells; ++cell) in_wall.set_state_of(cell, states[cell]);
+            std::vector<double> T(n_cells), K(n_cells);
+            in_wall.force_step(1e-3, scheme, T, K);
+            for (std::size_t cell = 0; cell < n_cells; ++cell) {
+              ForceStep<Model, double> step;
+              std::vector<double> y = states[cell];
+              const double velocity =
+                  1.5 / parameters[static_cast<std::size_t>(model.parameter(Role::reference_length))];
+              REQUIRE(step.begin(scheme, 1e-3, y.data(), calcium[cell], 2.0, velocity, constants));
+              near(in_wall.state_of(cell), y);
+              CHECK(T[cell] == Approx(step.tension_kPa).epsilon(1e-11).margin(1e-11));
+              CHECK(K[cell] == Approx(step.stiffness_kPa).epsilon(1e-11).margin(1e-11 * std::abs(T[cell])));
+            }
+          }
+      }
+  });
+  CHECK(n_models >= 2);
 }
 
 TEST_CASE("a population recovers once its cells are put right") {

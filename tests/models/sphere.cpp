@@ -87,11 +87,13 @@ std::vector<double> isotonic(bool stabilise, RateScheme rate, double dt, double 
   parameters.sphere = left_ventricle;
   parameters.passive = law;
   ActiveFibreSettings settings;
-  settings.regulatory_substeps = std::max(1, static_cast<int>(std::lround(dt / 2.5e-5)));
-  settings.rate = rate;
+  settings.scheme = {RegulationScheme::forward_euler, std::max(1, static_cast<int>(std::lround(dt / 2.5e-5))),
+                     rate};
   settings.stabilise = stabilise;
   auto cell = std::make_unique<PrescribedCalcium>(PrescribedCalcium::Shape{0.45, 0.45, 20, 60}, 1e4, 0);
-  ReducedWall wall(LV, parameters, ActiveFibre(settings, ventricle_force(), 0.05, std::move(cell), "LV"));
+  ReducedWall wall(
+      LV, parameters,
+      ActiveFibre(settings, find_model("rdq20"), ventricle_force(), 0.05, std::move(cell), "LV"));
   // Passive equilibrium at 60 mmHg.
   double V = 85, p = 0, slope = 0;
   const double pressure[1] = {60};
@@ -137,7 +139,8 @@ TEST_CASE("a rejected step leaves no trace") {
   ReducedWallParameters parameters;
   parameters.sphere = left_ventricle;
   auto cell = std::make_unique<PrescribedCalcium>(PrescribedCalcium::Shape{}, 800, 0);
-  ReducedWall wall(LV, parameters, ActiveFibre({}, ventricle_force(), 0.1, std::move(cell), "LV"));
+  ReducedWall wall(LV, parameters,
+                   ActiveFibre({}, find_model("rdq20"), ventricle_force(), 0.1, std::move(cell), "LV"));
   double V = 120, p = 0, slope = 0;
   wall.start(0, &V, &p);
   std::vector<double> before, after;
@@ -156,9 +159,9 @@ TEST_CASE("a wall stretched beyond the force model stops with the reason") {
   parameters.sphere = {20, 10};
   auto cell = std::make_unique<PrescribedCalcium>(PrescribedCalcium::Shape{}, 800, 0);
   auto force = find_model("rdq20").parameter_values("fedele2023-atria");
-  ReducedWall wall(LA, parameters, ActiveFibre({}, force, 0.1, std::move(cell), "LA"));
+  ReducedWall wall(LA, parameters, ActiveFibre({}, find_model("rdq20"), force, 0.1, std::move(cell), "LA"));
   double V = 400, p = 0;
   wall.start(0, &V, &p);
   CHECK_THROWS_WITH(wall.begin_step(0, 1e-3),
-                    Catch::Contains("stretched beyond the force model") && Catch::Contains("LA"));
+                    Catch::Contains("beyond what rdq20 describes") && Catch::Contains("LA"));
 }

@@ -40,7 +40,7 @@ TEST_CASE("the recommended setting is the cheapest within all tolerances") {
 TEST_CASE("RDQ20 at 1 ms: the midpoint's tension is within half a percent of its peak") {
   for (const char* set : {"fedele2023-ventricles", "fedele2023-atria", "human37"}) {
     Progress progress = silent();
-    const TradeStudy study = trade_force(set, progress);
+    const TradeStudy study = trade_force(find_model("rdq20"), set, progress);
     CHECK(study.measures[0].reference_confirmed < 1e-2);
     bool found = false;
     for (const TradeRow& row : study.rows)
@@ -102,7 +102,7 @@ TEST_CASE("random draws far outside the usual end in an answer or an explanation
   settings.draws = 60;
   settings.beats = 1;
   Progress progress = silent();
-  const ExtremesStudy force = extremes_force(settings, progress);
+  const ExtremesStudy force = extremes_force(find_model("rdq20"), settings, progress);
   CHECK(force.draws.unexplained.empty());
   CHECK((force.draws.completed > 20 && force.draws.refused > 5));
   const ExtremesStudy loop =

@@ -20,7 +20,7 @@ std::unique_ptr<TriSegWall> passive_wall() {
   settings.active = false;
   for (auto& fibre : fibres)
     fibre = std::make_unique<ActiveFibre>(
-        settings, find_model("rdq20").parameter_values("fedele2023-ventricles"), 0.1,
+        settings, find_model("rdq20"), find_model("rdq20").parameter_values("fedele2023-ventricles"), 0.1,
         std::make_unique<PrescribedCalcium>(PrescribedCalcium::Shape{}, 800, 0), "wall");
   return std::make_unique<TriSegWall>(parameters, std::move(fibres));
 }
@@ -129,6 +129,62 @@ TEST_CASE("linearise gives the derivatives of the volumes by the pressures") {
 }
 
 namespace {
+
+TEST_CASE("segments of TriSeg step as one fibre does that is led along their stretches") {
+  for (const CellModel* model : force_models())
+    for (const RateScheme rate : {RateScheme::lagged, RateScheme::implicit, RateScheme::none}) {
+      const bool is_rdq20 = model->name == "rdq20";
+      const auto parameters = model->parameter_values(is_rdq20 ? std::string_view("fedele2023-ventricles")
+                                                               : model->parameter_sets.front().name);
+      const CalciumShape transient{0.05, is_rdq20 ? 0.5 : 1.2, 20, 60};
+      ActiveFibreSettings settings;
+      settings.scheme = {RegulationScheme::midpoint, 1, rate};
+      const auto fibre = [&] {
+        return std::make_unique<ActiveFibre>(settings, *model, parameters, transient.rest_uM,
+                                             std::make_unique<PrescribedCalcium>(transient, 800.0, 0.0),
+                                             "wall");
+      };
+      TriSegParameters geometry;
+      geometry.caps = triseg_unloaded({}).caps;
+      std::array<std::unique_ptr<ActiveFibre>, n_segments> fibres = {fibre(), fibre(), fibre()};
+      TriSegWall wall(geometry, std::move(fibres));
+      const double volumes[2] = {130, 130}, no_change[2] = {0, 0};
+      double pressures[2], trial[2], slopes[4];
+      wall.start(0, volumes, pressures);
+      const auto outputs = wall.outputs();
+      const auto column = [&](const std::string& name) {
+        for (std::size_t k = 0; k < outputs.size(); ++k)
+          if (outputs[k].name == name) return k;
+        FAIL(name);
+        return outputs.size();
+      };
+      const std::size_t stretch = column(std::string(segment_names[0]) + "_stretch"),
+                        tension = column(std::string(segment_names[0]) + "_active_tension");
+      std::vector<double> values(outputs.size());
+      const auto led = fibre();
+      wall.output_values(values.data());
+      led->start(values[stretch]);
+      double peak = 0;
+      for (int step = 0; step < 150; ++step) {
+        const double t = 1e-3 * step, p[2] = {5 + 0.2 * step, 3 + 0.05 * step};
+        wall.begin_step(t, 1e-3);
+        for (int iteration = 0; iteration < 8; ++iteration) {
+          wall.linearise(p, trial, slopes);
+          wall.update(no_change, 1);
+        }
+        wall.accept_step();
+        wall.output_values(values.data());
+        led->begin_step(t, 1e-3);
+        led->accept_step(values[stretch]);
+        double own[4];
+        led->output_values(own);
+        INFO(model->name << " " << rate_scheme_names[static_cast<int>(rate)] << " step " << step);
+        REQUIRE(values[tension] == Approx(own[1]).epsilon(1e-12).margin(3e-11));
+        peak = std::max(peak, own[1]);
+      }
+      CHECK(peak > 5);
+    }
+}
 
 // The surrogate heart of the specification (prescribed calcium, the founding paper's a_XB) with TriSeg
 // ventricles.

@@ -83,7 +83,7 @@ inline constexpr Quantity tension{
     "active_tension_kPa", "kPa", 0, 0, 1000, "active tension of the myocardium at the whole load"};
 inline constexpr Quantity n_s{"n_s", "1", 0, 0, 1, "share of active stress along the sheet"};
 inline constexpr Quantity right_share{
-    "right_share", "1", 0.7, 0, 10, "a_XB of the right ventricle over that of the left"};
+    "right_share", "1", 0.7, 0, 10, "active tension of the right ventricle over that of the left"};
 inline constexpr Quantity fields_every{
     "fields_every_ms", "ms", 10, 0, 1e6, "time between fields written for ParaView; 0: none"};
 }  // namespace tissue_keys

@@ -269,6 +269,7 @@ TissueWall::TissueWall(const Scene& scene, const WallPlan& wall,
     me.rescaling.push_back(rescaling);
     ForceRegion force;
     force.tags = me.ionic[r].tags;
+    force.model = fibre.force;
     force.parameters = fibre.force_parameters;
     force.rest_calcium_uM = paced.calcium_min_uM;
     force.right_share = r == 0 ? me.plan.right_share : 1.0;  // the atria have no left and right tension

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <wiggers/cellmodels/catalogue/rdq20_stepper.hpp>
+#include <wiggers/cellmodels/catalogue/force_stepper.hpp>
 #include <wiggers/cellmodels/population/population.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
@@ -16,9 +16,11 @@ namespace {
 struct Region {
   ForceRegion plan;
   std::vector<int> nodes;  // own nodes
-  std::unique_ptr<CellPopulation> bridges;
-  std::vector<double> states, states_before;  // [node][state], present and at the step's start
-  double rest_moment = 0;                     // mu1 at rest, whose tension is removed
+  std::unique_ptr<ForceStepper> force;
+  std::unique_ptr<CellPopulation> bridges, sliding;  // a step in the wall; one with a velocity that is known
+  std::vector<double> states, states_before;         // [node][state], present and at the step's start
+  std::vector<double> rest;                          // state whose tension is removed
+  std::size_t n_states() const { return plan.model->states.size(); }
 };
 
 }  // namespace
@@ -29,7 +31,7 @@ struct Activation::Implementation {
   RateScheme rate;
   bool stabilise;
   std::vector<Region> regions;
-  std::vector<double> strength;  // a_XB over the region's own, own nodes
+  std::vector<double> strength;  // over the region's own, own nodes
   std::vector<double> tension, stiffness, accepted;
   std::vector<double> calcium, stretch;  // of the present step, local
   double dt = 0;
@@ -39,18 +41,17 @@ struct Activation::Implementation {
   // Refuses lengths (um) and speeds (um/s) that no sarcomere has.
   void require_in_range(const Region& region, std::span<const double> SL,
                         std::span<const double> speed) const {
-    const Quantity& range = Rdq20::inputs[Rdq20::dSL_dt];
+    const Quantity &lengths = region.plan.model->inputs[1], &range = region.plan.model->inputs[2];
     for (std::size_t k = 0; k < region.nodes.size(); ++k) {
       const auto place = [&] {
         const Point3& p = space.points[region.nodes[k]];
         return fmt::format("({:.1f}, {:.1f}, {:.1f}) mm", 1e3 * p[0], 1e3 * p[1], 1e3 * p[2]);
       };
-      if (!(SL[k] > 0.5 && SL[k] < 4) ||
-          !(Rdq20::dissociation_constant(SL[k], region.plan.parameters.data()) > 0))
+      if (!(SL[k] > lengths.lower && SL[k] < lengths.upper) || !region.force->holds_at(SL[k]))
         throw NumericalFailure(fmt::format(
-            "sarcomere length {:.3g} um at {} (volume tag {}) is beyond what RDQ20 describes: the tissue is "
+            "sarcomere length {:.3g} um at {} (volume tag {}) is beyond what {} describes: the tissue is "
             "stretched too far there. Check pressure, stiffness and the reference configuration",
-            SL[k], place(), region.plan.tags.front()));
+            SL[k], place(), region.plan.tags.front(), region.plan.model->name));
       if (!(speed[k] >= range.lower && speed[k] <= range.upper))
         throw NumericalFailure(fmt::format(
             "sarcomeres at {} (volume tag {}) change their length by {:.3g} um/s, beyond what any muscle "
@@ -59,11 +60,11 @@ struct Activation::Implementation {
     }
   }
 
-  // All bridges of a region from states_before over dt at the given rates of stretch (1/s, own nodes of the
-  // region); result in region.states.
-  void run(Region& region, std::span<const double> stretch_rate) {
+  // Calcium, lengths and rates of stretch (1/s, own nodes of the region) for the bridges of a region, which
+  // then stand at the step's start.
+  void drive(Region& region, CellPopulation& bridges, std::span<const double> stretch_rate) {
     const std::size_t n = region.nodes.size();
-    const double SL0 = region.plan.parameters[Rdq20::SL0];
+    const double SL0 = region.force->reference_length_um();
     std::vector<double> Ca(n), SL(n), speed(n);
     for (std::size_t k = 0; k < n; ++k) {
       const int node = region.nodes[k];
@@ -72,29 +73,23 @@ struct Activation::Implementation {
       speed[k] = SL0 * stretch_rate[k];
     }
     require_in_range(region, SL, speed);
-    region.bridges->assign_states(0, region.states_before);
-    region.bridges->set_inputs("Ca", Ca);
-    region.bridges->set_inputs("SL", SL);
-    region.bridges->set_inputs("dSL/dt", speed);
-    region.bridges->step(dt, 1);
-    region.bridges->copy_states(0, region.states);
+    bridges.assign_states(0, region.states_before);
+    bridges.set_inputs("Ca", Ca);
+    bridges.set_inputs("SL", SL);
+    bridges.set_inputs("dSL/dt", speed);
   }
 
-  void read_forces(const Region& region, bool mean_stiffness) {
-    constexpr std::size_t n_states = Rdq20::states.size();
+  // Tension above rest, and stiffness, at the nodes of a region.
+  void set_forces(const Region& region, std::span<const double> T, std::span<const double> K) {
+    const double SL0 = region.force->reference_length_um();
     for (std::size_t k = 0; k < region.nodes.size(); ++k) {
       const int node = region.nodes[k];
-      const double SL = region.plan.parameters[Rdq20::SL0] * stretch[node];
-      const double scale = units::Pa_per_kPa * strength[node] * region.plan.parameters[Rdq20::a_XB] *
-                           Rdq20::overlap(SL, region.plan.parameters.data());
-      const double* y = &region.states[k * n_states];
-      const double* before = &region.states_before[k * n_states];
-      const double moment =
-          y[Rdq20::mu1_P] + y[Rdq20::mu1_N] - (region.plan.subtract_rest_tension ? region.rest_moment : 0);
-      tension[node] = region.plan.active ? scale * std::max(0.0, moment) : 0.0;
-      double bridges = y[Rdq20::mu0_P] + y[Rdq20::mu0_N];
-      if (mean_stiffness) bridges = 0.5 * (bridges + before[Rdq20::mu0_P] + before[Rdq20::mu0_N]);
-      stiffness[node] = region.plan.active && stabilise && rate != RateScheme::none ? scale * bridges : 0.0;
+      const double scale = region.plan.active ? units::Pa_per_kPa * strength[node] : 0.0;
+      const double rest = region.plan.subtract_rest_tension
+                              ? region.force->forces(region.rest.data(), SL0 * stretch[node]).tension_kPa
+                              : 0.0;
+      tension[node] = scale * std::max(0.0, T[k] - rest);
+      stiffness[node] = stabilise ? scale * K[k] : 0.0;
     }
   }
 };
@@ -132,17 +127,21 @@ Activation::Activation(const Partition& partition, const FibreField* fibres, std
       const double xi = fibres ? fibres->interventricular[me.space.vertex[node]] : 1.0;
       me.strength[node] = xi + regions[r].right_share * (1 - xi);
     }
-    const std::vector<double> rest = rdq20_steady_state(regions[r].parameters, regions[r].rest_calcium_uM,
-                                                        regions[r].parameters[Rdq20::SL0]);
-    region.rest_moment = rest[Rdq20::mu1_P] + rest[Rdq20::mu1_N];
+    const CellModel& model = *region.plan.model;
+    region.force = make_force_stepper<double>(model, region.plan.parameters);
+    region.rest = steady_force_state(model, region.plan.parameters, region.plan.rest_calcium_uM,
+                                     region.force->reference_length_um());
     if (!region.nodes.empty()) {
-      PopulationSettings settings;
-      settings.integrator = "frozen-midpoint";
-      region.bridges = std::make_unique<CellPopulation>(find_model("rdq20"), region.nodes.size(), settings,
-                                                        regions[r].parameters);
+      const auto bridges = [&](const char* integrator) {
+        PopulationSettings settings;
+        settings.integrator = integrator;
+        return std::make_unique<CellPopulation>(model, region.nodes.size(), settings, region.plan.parameters);
+      };
+      region.bridges = bridges("in-wall");
+      if (rate == RateScheme::implicit) region.sliding = bridges("frozen-midpoint");
     }
     for (std::size_t k = 0; k < region.nodes.size(); ++k)
-      region.states.insert(region.states.end(), rest.begin(), rest.end());
+      region.states.insert(region.states.end(), region.rest.begin(), region.rest.end());
     region.states_before = region.states;
     me.regions.push_back(std::move(region));
   }
@@ -151,7 +150,12 @@ Activation::Activation(const Partition& partition, const FibreField* fibres, std
   me.calcium = me.tension;
   me.stretch.assign(me.space.n_local, 1.0);
   // The tension of rest: none, where it is removed.
-  for (const Region& region : me.regions) me.read_forces(region, false);
+  for (const Region& region : me.regions) {
+    const double T =
+        region.force->forces(region.rest.data(), region.force->reference_length_um()).tension_kPa;
+    me.set_forces(region, std::vector<double>(region.nodes.size(), T),
+                  std::vector<double>(region.nodes.size(), 0.0));
+  }
   me.partition.update_ghosts(me.space, me.tension.data(), 1);
   me.accepted = me.tension;
 }
@@ -169,16 +173,19 @@ void Activation::begin_step(double dt_s, std::span<const double> calcium_uM, std
   std::copy(calcium_uM.begin(), calcium_uM.end(), me.calcium.begin());
   std::copy(stretch.begin(), stretch.end(), me.stretch.begin());
   collectively(me.partition.communicator(), [&] {
-    std::vector<double> rate;
+    std::vector<double> rate, T, K;
     for (Region& region : me.regions) {
       if (region.nodes.empty()) continue;
       region.states_before = region.states;
       rate.assign(region.nodes.size(), 0.0);
-      if (me.rate == RateScheme::lagged)
+      T = K = rate;
+      if (me.rate != RateScheme::none)
         for (std::size_t k = 0; k < rate.size(); ++k)
           rate[k] = (stretch[region.nodes[k]] - stretch_before[region.nodes[k]]) / dt_before_s;
-      me.run(region, rate);
-      me.read_forces(region, me.rate == RateScheme::implicit);
+      me.drive(region, *region.bridges, rate);
+      region.bridges->force_step(dt_s, {RegulationScheme::midpoint, 1, me.rate}, T, K);
+      region.bridges->copy_states(0, region.states);
+      me.set_forces(region, T, K);
     }
   });
   me.partition.update_ghosts(me.space, me.tension.data(), 1);
@@ -197,7 +204,9 @@ void Activation::accept(std::span<const double> stretch) {
       rate.resize(region.nodes.size());
       for (std::size_t k = 0; k < rate.size(); ++k)
         rate[k] = (stretch[region.nodes[k]] - me.stretch[region.nodes[k]]) / me.dt;
-      me.run(region, rate);
+      me.drive(region, *region.sliding, rate);
+      region.sliding->step(me.dt, 1);
+      region.sliding->copy_states(0, region.states);
     }
   });
 }
@@ -207,7 +216,7 @@ void Activation::require_in_range(std::span<const double> stretch) const {
   collectively(me.partition.communicator(), [&] {
     std::vector<double> SL, speed;
     for (const Region& region : me.regions) {
-      const double SL0 = region.plan.parameters[Rdq20::SL0];
+      const double SL0 = region.force->reference_length_um();
       SL.clear();
       speed.clear();
       for (int node : region.nodes) {
@@ -224,30 +233,39 @@ void Activation::reject() {
   for (Region& region : me_->regions) region.states = region.states_before;
 }
 
+namespace {
+// Values a node in a saved state: regions may have different force models.
+std::size_t most_states(const std::vector<Region>& regions) {
+  std::size_t most = 0;
+  for (const Region& region : regions) most = std::max(most, region.n_states());
+  return most;
+}
+}  // namespace
+
 void Activation::save(std::vector<double>& out) const {
   const auto& me = *me_;
-  constexpr std::size_t n_states = Rdq20::states.size();
-  std::vector<double> values(static_cast<std::size_t>(me.space.n_own) * n_states, 0.0);
+  const std::size_t most = most_states(me.regions);
+  std::vector<double> values(static_cast<std::size_t>(me.space.n_own) * most, 0.0);
   for (const Region& region : me.regions)
     for (std::size_t k = 0; k < region.nodes.size(); ++k)
-      std::copy_n(&region.states[k * n_states], n_states, &values[region.nodes[k] * n_states]);
-  for (const auto& all : {me.partition.gather(me.space, values.data(), static_cast<int>(n_states)),
+      std::copy_n(&region.states[k * region.n_states()], region.n_states(), &values[region.nodes[k] * most]);
+  for (const auto& all : {me.partition.gather(me.space, values.data(), static_cast<int>(most)),
                           me.partition.gather(me.space, me.accepted.data(), 1)})
     out.insert(out.end(), all.begin(), all.end());
 }
 
 void Activation::restore(std::span<const double>& in) {
   auto& me = *me_;
-  constexpr std::size_t n_states = Rdq20::states.size();
+  const std::size_t most = most_states(me.regions);
   const auto n = static_cast<std::size_t>(me.space.n_global);
-  if (in.size() < n * (n_states + 1)) throw InputError("the saved state is damaged: it ends early");
+  if (in.size() < n * (most + 1)) throw InputError("the saved state is damaged: it ends early");
   for (Region& region : me.regions) {
     for (std::size_t k = 0; k < region.nodes.size(); ++k)
-      std::copy_n(&in[static_cast<std::size_t>(me.space.file_index[region.nodes[k]]) * n_states], n_states,
-                  &region.states[k * n_states]);
+      std::copy_n(&in[static_cast<std::size_t>(me.space.file_index[region.nodes[k]]) * most],
+                  region.n_states(), &region.states[k * region.n_states()]);
     region.states_before = region.states;
   }
-  in = in.subspan(n * n_states);
+  in = in.subspan(n * most);
   Partition::scatter(me.space, in.first(n), me.accepted.data(), 1);
   in = in.subspan(n);
 }

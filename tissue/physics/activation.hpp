@@ -1,8 +1,9 @@
-// Active force in the tissue: RDQ20 at every vertex of the myocardium, in SIMD batches.
+// Active force in the tissue: a force model at every vertex of the myocardium, in SIMD batches, by the scheme
+// of all walls (cellmodels/schemes/force_step.hpp).
 //
 // Per step of mechanics: calcium (its mean over the step), stretch at its start and the stretch's rate go in;
-// tension and stiffness come out, both times a_XB, which varies smoothly between the ventricles:
-//   a_XB(x) = a_XB (xi + share (1 - xi)),  xi the normalised interventricular coordinate (1 left, 0 right).
+// tension and stiffness come out. The strength varies smoothly between the ventricles:
+//   a(x) = a (xi + share (1 - xi)),  xi the normalised interventricular coordinate (1 left, 0 right).
 #pragma once
 
 #include <memory>
@@ -17,10 +18,11 @@ namespace wiggers {
 
 struct ForceRegion {
   std::vector<int> tags;
-  std::vector<double> parameters;  // RDQ20's
-  double rest_calcium_uM = 0;      // whose steady tension is removed
-  double right_share = 1;          // a_XB of the right ventricle over that of the left
-  bool active = true;              // false: no tension at all
+  const CellModel* model = nullptr;  // of force
+  std::vector<double> parameters;
+  double rest_calcium_uM = 0;  // whose steady tension is removed
+  double right_share = 1;      // strength of the right ventricle over that of the left
+  bool active = true;          // false: no tension at all
   bool subtract_rest_tension = true;
 };
 
@@ -37,8 +39,8 @@ class Activation {
   // step (dt_before) earlier. Collective.
   void begin_step(double dt_s, std::span<const double> calcium_uM, std::span<const double> stretch,
                   std::span<const double> stretch_before, double dt_before_s);
-  // Throws NumericalFailure if a step that ends with this stretch is beyond what RDQ20 describes, with the
-  // place. Collective.
+  // Throws NumericalFailure if a step that ends with this stretch is beyond what the force model describes,
+  // with the place. Collective.
   void require_in_range(std::span<const double> stretch) const;
   // The step is done; with the implicit rate the bridges move again with the rate it had.
   void accept(std::span<const double> stretch);
