@@ -1,5 +1,9 @@
 """What Python gives of every ionic model of the list."""
 
+import os
+import pickle
+from pathlib import Path
+
 import numpy as np
 import pytest
 import wiggers
@@ -21,6 +25,30 @@ def test_every_ionic_model(name):
     table = cell.sensitivities(cycle)
     slope = (batch["APD90_ms"][1] - batch["APD90_ms"][2]) / (0.02 * value)
     assert table["APD90_ms", parameter] == pytest.approx(slope, rel=0.05, abs=1e-3 * indexes["APD90_ms"] / value)
+
+
+@pytest.mark.parametrize("name", wiggers.models("force"))
+def test_every_force_model(name):
+    force = wiggers.Force(model=name)
+    calcium = np.array([0.1, 0.5, 1.0, 5.0])
+    tension, derivatives = force.force_calcium(calcium, SL_um=2.0)
+    assert (np.diff(tension) > 0).all() and tension[-1] > 50
+    assert derivatives.shape == (4, len(force.parameters))
+    t = np.linspace(0, 0.3, 31)
+    assert force.run(t, np.full(31, 1.0), 2.0)[-1] == pytest.approx(tension[2], rel=1e-5)
+    again = pickle.loads(pickle.dumps(force))
+    assert list(again.parameters) == list(force.parameters)
+    with pytest.raises(wiggers.InputError, match="no force model"):
+        wiggers.Force(model="crn")
+
+
+def test_hearts_with_another_force_model():
+    heart = wiggers.Heart(str(Path(os.environ["WIGGERS_ROOT"]) / "scenes/whole_heart_land2017.toml"))
+    cycle = heart.to_limit_cycle()
+    assert cycle.indexes["LV.EF_percent"] == pytest.approx(63.6, abs=0.3)
+    assert cycle.indexes["LV.pressure_max_mmHg"] == pytest.approx(125, abs=0.5)
+    with pytest.raises(wiggers.InputError, match="unknown parameter of the heart"):
+        heart.parameters["walls.LV.a_XB_kPa"] = 1e5
 
 
 def test_kinds_of_models():

@@ -2,9 +2,14 @@ cmake_minimum_required(VERSION 3.25)
 # A model that forgets a part does not compile, and the compiler says which part in a sentence.
 set(folder ${CMAKE_CURRENT_BINARY_DIR}/forgetful)
 file(MAKE_DIRECTORY ${folder})
-file(READ ${ROOT}/cellmodels/models/aliev_panfilov.hpp whole)
 
-# must_say(SENTENCE PATTERN REPLACEMENT): of the smallest model with a part taken out or changed.
+# of_model(HEADER LIST): what follows is about this model, alone in a list.
+macro(of_model header list)
+  file(READ ${ROOT}/cellmodels/models/${header} whole)
+  set(list "${list}")
+endmacro()
+
+# must_say(SENTENCE PATTERN REPLACEMENT): of the model with a part taken out or changed.
 function(must_say sentence pattern replacement)
   set(text "${whole}")
   if(NOT pattern STREQUAL "")
@@ -13,8 +18,8 @@ function(must_say sentence pattern replacement)
       message(FATAL_ERROR "the model has no '${pattern}' to be taken out")
     endif()
   endif()
-  file(WRITE ${folder}/model.cpp "#include <wiggers/cellmodels/models/ionic_model.hpp>\n${text}\n"
-       "namespace wiggers { IonicModelList<AlievPanfilov> list; }\n")
+  file(WRITE ${folder}/model.cpp "#include <wiggers/cellmodels/models/force_model.hpp>\n${text}\n"
+       "namespace wiggers { ${list} list; }\n")
   execute_process(COMMAND ${COMPILER} -std=c++20 -fsyntax-only -I${INCLUDE} ${folder}/model.cpp
                   RESULT_VARIABLE status ERROR_VARIABLE said)
   if(sentence STREQUAL "")
@@ -26,6 +31,7 @@ function(must_say sentence pattern replacement)
   endif()
 endfunction()
 
+of_model(aliev_panfilov.hpp IonicModelList<AlievPanfilov>)
 must_say("" "" "")
 must_say("has a name, a title, a source and a time_unit" "std::string_view title" "std::string_view heading")
 must_say("has a default_stimulus" "StimulusPulse default_stimulus{-20, 2, 0}" "int default_stimulus = 0")
@@ -38,3 +44,12 @@ must_say("voltage gates need voltage_gates" "Quantity{\"v\", \"1\", 0, 0, 10, \"
 must_say("named \"default\"|named .\"default" "ParameterSet{\"default\"" "ParameterSet{\"paper\"")
 must_say("named_as<Parameter>" "enum Parameter { k, a," "enum Parameter { a, k,")
 must_say("well_formed" "\"resting potential\"" "\"\"")
+
+of_model(land2017.hpp ForceModelList<Land2017>)
+must_say("" "" "")
+must_say("one parameter of a force model is its strength" "Role::strength" "Role::none")
+must_say("is facts::reference_length" "facts::reference_length\\(1.9\\)" "facts::positive(\"SL0\", \"um\", 1.9, \"length\")")
+must_say("observes facts::active_tension" "facts::active_stiffness" "facts::output(\"Ka\", \"kPa\", \"stiffness\")")
+must_say("steps by regulation, regulate and cycle" "static bool cycle" "static bool turn")
+must_say("gives tension and stiffness, holds_at and beyond" "static std::string beyond" "static std::string too_long")
+must_say("says in no_invariants why" "no_invariants" "no_invariant_at_all")
