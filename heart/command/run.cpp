@@ -8,6 +8,7 @@
 #include <wiggers/heart/run/run.hpp>
 #include <wiggers/heart/run/summary.hpp>
 #include <wiggers/heart/scene/accuracy.hpp>
+#include <wiggers/heart/scene/wall_kind.hpp>
 #include <wiggers/heart/walls/tissue_kind.hpp>
 
 #include "shared.hpp"
@@ -28,7 +29,7 @@ void require_result_writable(const Scene& scene, const std::filesystem::path& re
   require_writable(result, "-o", FileKind::result);
   if (is_special(result)) return;
   for (const WallPlan& wall : scene.walls)
-    if (wall.kind == "tissue") require_writable_folder(fields_folder(result, wall.name), "-o");
+    if (wall.recipe->in_space()) require_writable_folder(fields_folder(result, wall.name), "-o");
 }
 
 void run_monolithic(const Scene& scene, const Options& o) {

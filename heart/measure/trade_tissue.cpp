@@ -11,6 +11,7 @@
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/measure/trade.hpp>
 #include <wiggers/heart/run/run.hpp>
+#include <wiggers/heart/scene/wall_kind.hpp>
 
 namespace wiggers {
 
@@ -27,7 +28,7 @@ struct Window {
 // The name of the scene's wall of tissue.
 std::string tissue_wall(const Scene& scene) {
   for (const WallPlan& wall : scene.walls)
-    if (wall.kind == "tissue") return wall.name;
+    if (wall.recipe->in_space()) return wall.name;
   return "";
 }
 

@@ -15,6 +15,8 @@
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/run/monolithic.hpp>
 #include <wiggers/heart/run/paced_cells.hpp>
+#include <wiggers/heart/scene/kind_elastance.hpp>
+#include <wiggers/heart/scene/kind_reduced.hpp>
 
 namespace wiggers {
 
@@ -103,7 +105,8 @@ struct MonolithicHeart::Implementation {
   double volume = 0;
 
   double stretch(int chamber, double V, double* slope) const {
-    const auto lambda = mean_stretch(walls[chamber]->reduced.sphere, gauss_8(), Dual<1>::variable(V, 0));
+    const auto lambda = mean_stretch(numbers_of<ReducedNumbers>(*walls[chamber])->wall.sphere, gauss_8(),
+                                     Dual<1>::variable(V, 0));
     if (slope) *slope = lambda.derivative[0];
     return lambda.value;
   }
@@ -123,9 +126,9 @@ struct MonolithicHeart::Implementation {
   double wall_pressure(int c, double t, const double* y, double dV_dt) const {
     const WallPlan& plan = *walls[c];
     const double V = y[V_LA + c];
-    if (plan.kind == "elastance")
-      return elastance(plan.elastance, t, scene.period_s) * (V - plan.elastance.V0);
-    const ReducedWallParameters& w = plan.reduced;
+    if (const auto* numbers = numbers_of<ElastanceNumbers>(plan))
+      return elastance(numbers->elastance, t, scene.period_s) * (V - numbers->elastance.V0);
+    const ReducedWallParameters& w = numbers_of<ReducedNumbers>(plan)->wall;
     double slope = 0;
     const double lambda = stretch(c, V, &slope);
     double p = passive_pressure(w.sphere, w.passive, gauss_8(), V);
@@ -286,13 +289,17 @@ struct MonolithicHeart::Implementation {
   bool uses_ida() const { return damped || settings.as_dae; }
 };
 
+bool MonolithicHeart::has_equations(const WallPlan& wall) {
+  return numbers_of<ElastanceNumbers>(wall) || numbers_of<ReducedNumbers>(wall);
+}
+
 MonolithicHeart::MonolithicHeart(const Scene& scene, MonolithicSettings settings)
     : implementation_(std::make_unique<Implementation>()) {
   Implementation& m = *implementation_;
   m.scene = scene;
   m.settings = settings;
   for (const WallPlan& plan : m.scene.walls)
-    if (plan.kind == "triseg" || plan.kind == "tissue")
+    if (!has_equations(plan))
       throw InputError(fmt::format(
           "the monolithic reference has no equations for a {} wall; use reduced or elastance walls",
           plan.kind));
@@ -301,17 +308,19 @@ MonolithicHeart::MonolithicHeart(const Scene& scene, MonolithicSettings settings
   for (const WallPlan& plan : m.scene.walls) {
     const int c = plan.cavities.front();
     m.walls[c] = &plan;
-    if (plan.kind == "elastance") {
-      for (double offset : {0.0, plan.elastance.TC, plan.elastance.TC + plan.elastance.TR}) {
-        const double t = wrapped(plan.elastance.tC + offset, m.scene.period_s);
+    if (const auto* numbers = numbers_of<ElastanceNumbers>(plan)) {
+      const ElastanceParameters& e = numbers->elastance;
+      for (double offset : {0.0, e.TC, e.TC + e.TR}) {
+        const double t = wrapped(e.tC + offset, m.scene.period_s);
         if (t > 1e-9 && t < m.scene.period_s - 1e-9) m.breaks.insert(t);
       }
       continue;
     }
-    m.damped = m.damped || plan.reduced.viscosity_Pa_s > 0 || plan.reduced.epicardial_damping_Pa_s_per_m > 0;
+    const ReducedWallParameters& reduced = numbers_of<ReducedNumbers>(plan)->wall;
+    m.damped = m.damped || reduced.viscosity_Pa_s > 0 || reduced.epicardial_damping_Pa_s_per_m > 0;
     Fibre fibre;
     fibre.plan = &plan.fibres.front();
-    fibre.wall = &plan.reduced;
+    fibre.wall = &reduced;
     fibre.calcium = &m.calcium.at(fibre.plan->cells);
     const CellModel& model = *fibre.plan->force;
     fibre.force = make_force_stepper<double>(model, fibre.plan->force_parameters);

@@ -29,7 +29,10 @@ struct MonolithicSettings {
 
 class MonolithicHeart {
  public:
-  // Brings the scene's cells to their limit cycles. Refuses walls it has no equations for (triseg).
+  // Whether a wall is a plain ODE that this knows.
+  static bool has_equations(const WallPlan& wall);
+
+  // Brings the scene's cells to their limit cycles. Refuses walls it has no equations for.
   MonolithicHeart(const Scene& scene, MonolithicSettings settings);
   ~MonolithicHeart();
 

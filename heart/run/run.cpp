@@ -16,7 +16,7 @@
 #include <wiggers/heart/run/rate_warnings.hpp>
 #include <wiggers/heart/run/run.hpp>
 #include <wiggers/heart/run/summary.hpp>
-#include <wiggers/heart/walls/elastance.hpp>
+#include <wiggers/heart/scene/wall_kind.hpp>
 #include <wiggers/heart/walls/tissue_kind.hpp>
 
 namespace wiggers {
@@ -60,7 +60,8 @@ void HeartRun::prepare(Progress::Style style) {
   cost_.cells_s = seconds_since(begin);
 }
 
-ActiveFibre HeartRun::make_fibre(const FibrePlan& plan, const std::string& place) const {
+ActiveFibre HeartRun::make_fibre(const FibrePlan& plan, double activation_ms, double strength_kPa,
+                                 const std::string& place) const {
   const CellType& type = scene_.cells.at(plan.cells);
   const PacedCellType& paced = cells_.at(plan.cells);
   const double period_ms = scene_.period_s * units::ms_per_s;
@@ -70,36 +71,29 @@ ActiveFibre HeartRun::make_fibre(const FibrePlan& plan, const std::string& place
     if (rescaling.reading == CalciumReading::peak) rescaling.diastolic_uM = paced.calcium_min_uM;
     source = std::make_unique<IonicCellSource>(
         *type.ionic, type.ionic_parameters, paced.state_at_onset,
-        IonicCellSource::Pacing{period_ms, plan.activation_ms, type.stimulus,
-                                scene_.electrophysiology_integrator, scene_.electrophysiology_substep_ms},
+        IonicCellSource::Pacing{period_ms, activation_ms, type.stimulus, scene_.electrophysiology_integrator,
+                                scene_.electrophysiology_substep_ms},
         rescaling);
   } else {
-    source = std::make_unique<PrescribedCalcium>(type.transient, period_ms, plan.activation_ms);
+    source = std::make_unique<PrescribedCalcium>(type.transient, period_ms, activation_ms);
   }
-  return ActiveFibre(plan.settings, *plan.force, plan.force_parameters, paced.calcium_min_uM,
-                     std::move(source), place);
+  std::vector<double> force = plan.force_parameters;
+  force[static_cast<std::size_t>(plan.force->parameter(Role::strength))] = strength_kPa;
+  return ActiveFibre(plan.settings, *plan.force, force, paced.calcium_min_uM, std::move(source), place);
 }
 
 void HeartRun::build() {
   std::vector<std::unique_ptr<Wall>> walls;
+  const WallSiteOf<double> site = {
+      scene_, scene_.period_s,
+      [this](const FibrePlan& plan, const double& activation_ms, const double& strength_kPa,
+             const std::string& place) { return make_fibre(plan, activation_ms, strength_kPa, place); },
+      &cells_};
   for (const WallPlan& plan : scene_.walls) {
-    if (plan.kind == "elastance") {
-      walls.push_back(
-          std::make_unique<ElastanceWall>(plan.cavities.front(), plan.elastance, scene_.period_s));
-    } else if (plan.kind == "reduced") {
-      walls.push_back(std::make_unique<ReducedWall>(plan.cavities.front(), plan.reduced,
-                                                    make_fibre(plan.fibres.front(), plan.name)));
-    } else if (plan.kind == "tissue") {
-      if (!tissue_kind().make) throw TissueNeeded("walls." + plan.name);
-      walls.push_back(tissue_kind().make(scene_, plan, cells_));
-      has_tissue_ = true;
-    } else {
-      std::array<std::unique_ptr<ActiveFibre>, n_segments> segments;
-      for (int i = 0; i < n_segments; ++i)
-        segments[i] = std::make_unique<ActiveFibre>(
-            make_fibre(plan.fibres[i], fmt::format("{}.{}", plan.name, segment_names[i])));
-      walls.push_back(std::make_unique<TriSegWall>(plan.triseg, std::move(segments)));
-    }
+    std::vector<double> values;
+    for (const NamedParameter& number : plan.recipe->numbers(plan)) values.push_back(number.value);
+    walls.push_back(plan.recipe->make(plan, site, values));
+    in_space_ = in_space_ || plan.recipe->in_space();
   }
   driver_ =
       std::make_unique<HeartDriver>(DriverSettings{scene_.period_s, scene_.dt_s, scene_.stabilise_volumes,
@@ -246,7 +240,7 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
           scene_.until_limit_cycle ? -1.0 : beats_done / scene_.beats,
           fmt::format("beat {}, distance {:.1e}", cost_.beats + (beat_ ? 1 : 0), certificate_.distance));
     } catch (const Interrupted&) {
-      stop = stop || !has_tissue_;
+      stop = stop || !in_space_;
     }
     if (stop) {
       if (!result) throw Interrupted("stopped on request; no -o was given, nothing was saved");
@@ -259,10 +253,9 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
   // Beats of 3D tissue are long: they are saved on the way, at moments of the model's time, so that a run
   // that was resumed repeats one that was not.
   const long steps_per_checkpoint =
-      has_tissue_ ? std::max(1L, std::lround(scene_.checkpoint_every_ms * units::s_per_ms / scene_.dt_s)) : 0;
-  if (result && has_tissue_ && !is_special(*result))
-    open_fields(*result, beat_ != nullptr || cost_.beats > 0);
-  if (has_tissue_) {
+      in_space_ ? std::max(1L, std::lround(scene_.checkpoint_every_ms * units::s_per_ms / scene_.dt_s)) : 0;
+  if (result && in_space_ && !is_special(*result)) open_fields(*result, beat_ != nullptr || cost_.beats > 0);
+  if (in_space_) {
     // What the start cost, the unloaded shape above all, is not to be lost by an early failure.
     if (result)
       checkpoint(*result);
@@ -270,7 +263,7 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
       driver_->restore(driver_->save());
   }
   std::vector<double> good;  // to go back to
-  if (!has_tissue_) good = driver_->save();
+  if (!in_space_) good = driver_->save();
   while (!finished()) {
     stop_if_asked(cost_.beats);
     if (!beat_) {
@@ -282,12 +275,12 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
     Table trace;
     try {
       for (bool done = false; !done;) {
-        if (has_tissue_) {
+        if (in_space_) {
           for (const auto& wall : driver_->walls()) wall->write_fields(time_s());
           stop_if_asked(time_s() / scene_.period_s);
         }
         if (time_is_up()) break;
-        if (!has_tissue_) check_interrupt();
+        if (!in_space_) check_interrupt();
         done = driver_->step_beat(*beat_);
         if (steps_per_checkpoint > 0 && !done && beat_->steps % steps_per_checkpoint == 0) {
           cost_.heart_s = heart_before + seconds_since(begin);
@@ -303,7 +296,7 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
       trace = std::move(beat_->trace);
       beat_.reset();
     } catch (const Interrupted&) {
-      if (has_tissue_) throw;
+      if (in_space_) throw;
       // The beat under way is given up: a run that is resumed repeats it from its start.
       beat_.reset();
       driver_->restore(good);
@@ -313,7 +306,7 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
       const double where = time_s();
       // Keep the last good state; an extrapolated start that failed is given up for a plain one. A beat that
       // was saved on the way is left as it was saved.
-      if (has_tissue_) {
+      if (in_space_) {
         throw NumericalFailure(fmt::format("at {:.4f} s (beat {}): {}", where, cost_.beats + 1,
                                            failure_text(failure.what(), result ? result->string() : "")));
       }
@@ -342,9 +335,9 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
       hold_total_volume(scene_.circulation, next.data(), initial_volume_);
       driver_->move_to(next);
     }
-    if (!has_tissue_) good = driver_->save();
+    if (!in_space_) good = driver_->save();
     cost_.heart_s = heart_before + seconds_since(begin);
-    if (has_tissue_) {
+    if (in_space_) {
       if (result && !finished()) checkpoint(*result);
       if (!result) driver_->restore(driver_->save());
       continue;
@@ -375,7 +368,7 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
     audit_ = beat_->audit;
   }
   cost_.heart_s = heart_before + seconds_since(begin);
-  if (has_tissue_) {
+  if (in_space_) {
     for (const auto& wall : driver_->walls()) wall->write_fields(time_s());
     collect_wall_figures();
   }

@@ -59,7 +59,8 @@ class HeartRun {
 
  private:
   void build();
-  ActiveFibre make_fibre(const FibrePlan& plan, const std::string& place) const;
+  ActiveFibre make_fibre(const FibrePlan& plan, double activation_ms, double strength_kPa,
+                         const std::string& place) const;
   void write(const std::filesystem::path& path, const std::vector<double>& driver_state) const;
   void write_file(const std::filesystem::path& path, const std::vector<double>& driver_state) const;
   void checkpoint(const std::filesystem::path& path);
@@ -78,7 +79,7 @@ class HeartRun {
   double initial_volume_ = 0;
   double volume_drift_ = 0;
   bool complete_ = false;
-  bool has_tissue_ = false;
+  bool in_space_ = false;
   std::unique_ptr<BeatUnderWay> beat_;  // null between beats
   CirculationValues beat_start_{};
   std::map<std::string, std::map<std::string, WallFigure>> wall_figures_;

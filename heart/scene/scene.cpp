@@ -7,6 +7,7 @@
 #include <wiggers/heart/indexes/indexes.hpp>
 #include <wiggers/heart/scene/scene.hpp>
 #include <wiggers/heart/scene/scene_keys.hpp>
+#include <wiggers/heart/scene/wall_kind.hpp>
 #include <wiggers/heart/walls/tissue_kind.hpp>
 
 namespace wiggers {
@@ -87,9 +88,12 @@ CellType read_cells(SettingsReader& table, const std::string& name) {
   return cell;
 }
 
+}  // namespace
+
 // Which cells a piece of wall has, and when they are stimulated.
-FibrePlan read_fibre_cells(SettingsReader& table, double period_s,
-                           const std::map<std::string, CellType>& cells) {
+FibrePlan read_fibre_cells(SettingsReader& table, const Scene& scene) {
+  const double period_s = scene.period_s;
+  const std::map<std::string, CellType>& cells = scene.cells;
   FibrePlan fibre;
   std::vector<std::string> known;
   for (const auto& entry : cells) known.push_back(entry.first);
@@ -104,8 +108,9 @@ FibrePlan read_fibre_cells(SettingsReader& table, double period_s,
   return fibre;
 }
 
-FibrePlan read_fibre(SettingsReader& table, double period_s, const std::map<std::string, CellType>& cells) {
-  FibrePlan fibre = read_fibre_cells(table, period_s, cells);
+FibrePlan read_fibre(SettingsReader& table, const Scene& scene) {
+  const std::map<std::string, CellType>& cells = scene.cells;
+  FibrePlan fibre = read_fibre_cells(table, scene);
   if (const CellModel* ionic = cells.at(fibre.cells).ionic; ionic && !ionic->has_calcium())
     throw InputError(fmt::format(
         "{}: {} has no calcium that could drive a force model; use cells of another ionic model, or "
@@ -132,103 +137,7 @@ UsykLaw read_usyk(SettingsReader& table) {
           table.number(scene_keys::b_nn)};
 }
 
-std::string read_kind(SettingsReader& table, std::string_view default_kind,
-                      const std::vector<std::string>& kinds) {
-  const std::string kind = table.choice("kind", default_kind, kinds, "kind of wall");
-  if (kind == "tissue" && !tissue_kind().read) throw TissueNeeded(table.place("kind"));
-  return kind;
-}
-
-// A wall of 3D tissue: its cells here, all else by the tissue itself.
-void read_tissue_wall(SettingsReader& table, const Scene& scene, WallPlan& wall) {
-  const auto read_piece = [&](SettingsReader& piece) {
-    return scene.physics == Physics::heart ? read_fibre(piece, scene.period_s, scene.cells)
-                                           : read_fibre_cells(piece, scene.period_s, scene.cells);
-  };
-  if (scene.physics == Physics::mechanics) {
-    // Tension is prescribed, there are no cells.
-  } else if (table.is_table("cells")) {
-    // Different cells in ventricles and atria.
-    SettingsReader& cells = table.table("cells");
-    wall.fibres = {read_piece(cells.table("ventricles")), read_piece(cells.table("atria"))};
-  } else {
-    wall.fibres = {read_piece(table)};
-  }
-  tissue_kind().read(table, scene, wall);
-}
-
-WallPlan read_wall(SettingsReader& table, int chamber, const Scene& scene) {
-  const double period_s = scene.period_s;
-  const std::map<std::string, CellType>& cells = scene.cells;
-  WallPlan wall;
-  wall.name = chamber_names[chamber];
-  wall.cavities = {chamber};
-  wall.kind = read_kind(table, "elastance", {"elastance", "reduced", "tissue"});
-  if (wall.kind == "tissue") {
-    read_tissue_wall(table, scene, wall);
-    return wall;
-  }
-  if (wall.kind == "elastance") {
-    const auto sets = circulation_set_names(true);
-    const std::string set =
-        table.choice("parameters", "wiggers-healthy-0d", sets, "circulation parameter set");
-    wall.elastance = read_elastance(table, find_circulation_set(set).loop.elastance[chamber]);
-    check_elastance(wall.elastance, period_s, table.place("TC").c_str());
-    return wall;
-  }
-  wall.fibres = {read_fibre(table, period_s, cells)};
-  ReducedWallParameters& r = wall.reduced;
-  r.sphere.V0_mL = table.number(scene_keys::V0);
-  r.sphere.Vw_mL = table.number(scene_keys::Vw);
-  r.passive = read_usyk(table);
-  r.n_f = table.number(scene_keys::n_f);
-  r.n_n = table.number(scene_keys::n_n);
-  r.viscosity_Pa_s = table.number(scene_keys::viscosity);
-  r.epicardial_stiffness_Pa_per_m = table.number(scene_keys::robin_k);
-  r.epicardial_damping_Pa_s_per_m = table.number(scene_keys::robin_c);
-  return wall;
-}
-
-// Both ventricles as one wall: [walls.ventricles] with a table for each segment.
-WallPlan read_ventricles(SettingsReader& table, const Scene& scene) {
-  const double period_s = scene.period_s;
-  const std::map<std::string, CellType>& cells = scene.cells;
-  WallPlan wall;
-  wall.name = "ventricles";
-  wall.cavities = {LV, RV};
-  wall.kind = read_kind(table, "triseg", {"triseg", "tissue"});
-  if (wall.kind == "tissue") {
-    read_tissue_wall(table, scene, wall);
-    return wall;
-  }
-  wall.triseg.n_f = table.number(scene_keys::n_f);
-  wall.triseg.n_n = table.number(scene_keys::n_n);
-  TriSegShape shape;
-  shape.V_LV_mL = table.number(scene_keys::V0_LV, shape.V_LV_mL);
-  shape.V_RV_mL = table.number(scene_keys::V0_RV, shape.V_RV_mL);
-  shape.septum_height = table.number(scene_keys::septum_height, shape.septum_height);
-  for (int i = 0; i < n_segments; ++i)
-    shape.wall_volume_mL[i] = table.table(segment_names[i]).number(scene_keys::Vw, shape.wall_volume_mL[i]);
-  wall.triseg.caps = triseg_unloaded(shape).caps;
-  for (int i = 0; i < n_segments; ++i) {
-    SettingsReader& segment = table.table(segment_names[i]);
-    wall.fibres.push_back(read_fibre(segment, period_s, cells));
-    CapGeometry& cap = wall.triseg.caps[i];
-    cap.reference_area_cm2 = segment.number(scene_keys::reference_area, cap.reference_area_cm2);
-    wall.triseg.passive[i] = read_usyk(segment);
-  }
-  return wall;
-}
-
-// All four chambers as one body: [walls.heart].
-WallPlan read_heart(SettingsReader& table, const Scene& scene) {
-  WallPlan wall;
-  wall.name = "heart";
-  wall.cavities = {LA, LV, RA, RV};
-  wall.kind = read_kind(table, "tissue", {"tissue"});
-  read_tissue_wall(table, scene, wall);
-  return wall;
-}
+namespace {
 
 // Changes of `over` on top of `base`, table by table.
 void merge(SettingsTable& base, const SettingsTable& over) {
@@ -300,15 +209,17 @@ void make_room(SettingsTable& base, const SettingsTable& changes) {
   SettingsTable* there = table_in(base, "walls");
   const SettingsTable* named = table_in(changes, "walls");
   if (!there || !named) return;
-  const std::vector<std::pair<std::string, std::vector<std::string>>> joined = {
-      {"ventricles", {"LV", "RV"}}, {"heart", {"LA", "LV", "RA", "RV", "ventricles"}}};
-  for (const auto& [whole, parts] : joined) {
-    const bool whole_named = named->entries.contains(whole);
-    for (const std::string& part : parts) {
-      if (whole_named && !named->entries.contains(part)) there->entries.erase(part);
-      if (!whole_named && named->entries.contains(part)) there->entries.erase(whole);
+  for (const WallPlace& whole : wall_places())
+    for (const WallPlace& part : wall_places()) {
+      const bool is_part = part.cavities.size() < whole.cavities.size() &&
+                           std::includes(whole.cavities.begin(), whole.cavities.end(), part.cavities.begin(),
+                                         part.cavities.end());
+      if (!is_part) continue;
+      const bool whole_named = named->entries.contains(whole.name),
+                 part_named = named->entries.contains(part.name);
+      if (whole_named && !part_named) there->entries.erase(part.name);
+      if (!whole_named && part_named) there->entries.erase(whole.name);
     }
-  }
 }
 
 std::shared_ptr<SettingsTable> with_base(std::shared_ptr<SettingsTable> table,
@@ -355,7 +266,7 @@ void read_body(SettingsReader& reader, Scene& scene) {
           fmt::format("{}: a scene has either a [body] of tissue alone or walls in the closed loop, not both",
                       reader.place(other)));
   SettingsReader& table = reader.table("body");
-  if (!tissue_kind().read) throw TissueNeeded(reader.place("body"));
+  if (!tissue_kind().run_body) throw TissueNeeded(reader.place("body"));
   const std::vector<std::string> kinds = {"electrophysiology", "mechanics"};
   if (!table.has("physics"))
     throw InputError(
@@ -364,8 +275,7 @@ void read_body(SettingsReader& reader, Scene& scene) {
                                                                             : Physics::mechanics;
   WallPlan body;
   body.name = "body";
-  body.kind = "tissue";
-  read_tissue_wall(table, scene, body);
+  read_wall_as("tissue", table, scene, body);
   scene.walls.push_back(std::move(body));
   leave_out_unused_cells(scene);
   SettingsReader& run = reader.table("run");
@@ -387,6 +297,46 @@ void read_body(SettingsReader& reader, Scene& scene) {
     scene.checkpoint_every_ms = run.number(scene_keys::checkpoint_ms);
   } else {
     scene.load_steps = static_cast<int>(run.integer(scene_keys::load_steps));
+  }
+}
+
+// [walls]: every chamber is enclosed once.
+void read_walls(SettingsReader& walls, Scene& scene) {
+  std::vector<std::string> known;
+  for (const WallPlace& place : wall_places()) known.push_back(place.name);
+  for (const std::string& key : walls.keys())
+    if (std::find(known.begin(), known.end(), key) == known.end()) {
+      try {
+        refuse_unknown("cavity", key, known);
+      } catch (const InputError& error) {
+        throw InputError(fmt::format("{}: {}", walls.place(key), error.what()));
+      }
+    }
+  std::array<const WallPlace*, n_chambers> around{};
+  // The larger first: it is the smaller one's key that is one too many.
+  std::vector<const WallPlace*> named;
+  for (const WallPlace& place : wall_places())
+    if (walls.has(place.name)) named.push_back(&place);
+  std::stable_sort(named.begin(), named.end(), [](const WallPlace* a, const WallPlace* b) {
+    return a->cavities.size() > b->cavities.size();
+  });
+  for (const WallPlace* place : named)
+    for (int chamber : place->cavities) {
+      const WallPlace*& there = around[static_cast<std::size_t>(chamber)];
+      if (there)
+        throw InputError(fmt::format("{}: walls.{} encloses this cavity already; name one of them",
+                                     walls.place(place->name), there->name));
+      there = place;
+    }
+  for (int c = 0; c < n_chambers; ++c) {
+    const WallPlace* place = around[static_cast<std::size_t>(c)];
+    if (!place)
+      throw InputError(
+          fmt::format("{} is missing: the closed loop needs a wall for each of LA, LV, RA and RV; the "
+                      "cheapest is kind = \"elastance\"",
+                      walls.place(chamber_names[c])));
+    if (place->cavities.front() == c)
+      scene.walls.push_back(read_wall(walls.table(place->name), *place, scene));
   }
 }
 
@@ -442,41 +392,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
   }
 
   SettingsReader& walls = reader.table("walls");
-  std::vector<std::string> known = as_strings(chamber_names);
-  known.emplace_back("ventricles");
-  known.emplace_back("heart");
-  for (const std::string& key : walls.keys())
-    if (std::find(known.begin(), known.end(), key) == known.end()) {
-      try {
-        refuse_unknown("cavity", key, known);
-      } catch (const InputError& error) {
-        throw InputError(fmt::format("{}: {}", walls.place(key), error.what()));
-      }
-    }
-  const bool joined = walls.has("ventricles"), whole = walls.has("heart");
-  if (whole) {
-    for (const std::string& key : walls.keys())
-      if (key != "heart")
-        throw InputError(
-            fmt::format("{}: walls.heart encloses this cavity already; name one of them", walls.place(key)));
-    scene.walls.push_back(read_heart(walls.table("heart"), scene));
-  }
-  for (int c = 0; c < n_chambers && !whole; ++c) {
-    const bool ventricle = c == LV || c == RV;
-    if (joined && ventricle) {
-      if (walls.has(chamber_names[c]))
-        throw InputError(fmt::format("{}: walls.ventricles encloses this cavity already; name one of them",
-                                     walls.place(chamber_names[c])));
-      if (c == LV) scene.walls.push_back(read_ventricles(walls.table("ventricles"), scene));
-      continue;
-    }
-    if (!walls.has(chamber_names[c]))
-      throw InputError(
-          fmt::format("{} is missing: the closed loop needs a wall for each of LA, LV, RA and RV; the "
-                      "cheapest is kind = \"elastance\"",
-                      walls.place(chamber_names[c])));
-    scene.walls.push_back(read_wall(walls.table(chamber_names[c]), c, scene));
-  }
+  read_walls(walls, scene);
   leave_out_unused_cells(scene);
 
   SettingsReader& circulation = reader.table("circulation");
@@ -554,14 +470,14 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
                                  : LimitCycleMethod::anderson;
   scene.checkpoint_every_s = run.number(scene_keys::checkpoint);
   for (const WallPlan& wall : scene.walls)
-    if (wall.kind == "tissue") {
+    if (wall.recipe->in_space()) {
       scene.checkpoint_every_ms = run.number(scene_keys::checkpoint_ms);
       scene.stop_after_ms = run.number(scene_keys::stop_after);
       break;
     }
   reader.finish();
   for (const WallPlan& wall : scene.walls)
-    if (wall.kind == "tissue" && regulation_named && scene.regulation == RegulationScheme::forward_euler)
+    if (wall.recipe->in_space() && regulation_named && scene.regulation == RegulationScheme::forward_euler)
       scene.warnings.push_back(
           fmt::format("walls.{} steps its regulatory units by the frozen-midpoint rule, whatever "
                       "solver.regulation says",
@@ -599,12 +515,9 @@ AtrialActivations atrial_activations_s(const Scene& scene) {
     for (const WallPlan& wall : scene.walls) {
       if (std::find(wall.cavities.begin(), wall.cavities.end(), side == 0 ? LA : RA) == wall.cavities.end())
         continue;
-      if (wall.kind == "elastance") {
-        if (wall.elastance.EA > 0) activations[side] = wrapped(wall.elastance.tC, scene.period_s);
-      } else if (!wall.fibres.empty() && wall.fibres.back().settings.active) {
-        // Of several pieces of wall the atria's is the last.
-        activations[side] = wall.fibres.back().activation_ms * units::s_per_ms;
-      }
+      const int chamber = side == 0 ? LA : RA;
+      if (const auto onset = wall.recipe->activation_s(wall, chamber, scene.period_s))
+        activations[side] = onset;
     }
   return activations;
 }

@@ -49,16 +49,15 @@ struct FibrePlan {
 // What is computed: a heart in the closed loop, or one physics of a body of 3D tissue alone.
 enum class Physics { heart, electrophysiology, mechanics };
 
+class WallRecipe;  // wall_kind.hpp
+
 struct WallPlan {
-  std::string name;           // as in the scene: LA, ..., ventricles, heart; or body
-  std::vector<int> cavities;  // chambers it encloses
-  std::string kind;           // elastance | reduced | triseg | tissue
-  ElastanceParameters elastance;
-  ReducedWallParameters reduced;
-  TriSegParameters triseg;
-  std::vector<FibrePlan> fibres;       // none, one, or the three segments
-  std::shared_ptr<const void> tissue;  // what the tissue read of its table
-  std::string files;                   // a comment line for each file that it reads: its name and checksum
+  std::string name;                          // as in the scene: LA, ..., ventricles, heart; or body
+  std::vector<int> cavities;                 // chambers it encloses
+  std::string kind;                          // of wall_kinds()
+  std::vector<FibrePlan> fibres;             // none, one, or several pieces
+  std::shared_ptr<const WallRecipe> recipe;  // makes it
+  std::string files;  // a comment line for each file that it reads: its name and checksum
 };
 
 struct Scene {

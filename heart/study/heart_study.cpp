@@ -7,17 +7,12 @@
 #include <wiggers/heart/run/paced_cells.hpp>
 #include <wiggers/heart/run/rate_warnings.hpp>
 #include <wiggers/heart/scene/scene_keys.hpp>
+#include <wiggers/heart/scene/wall_kind.hpp>
 #include <wiggers/heart/study/heart_study.hpp>
-#include <wiggers/heart/walls/elastance.hpp>
-#include <wiggers/heart/walls/reduced.hpp>
 
 namespace wiggers {
 
 namespace {
-std::size_t strength_index(const FibrePlan& fibre) {
-  return static_cast<std::size_t>(fibre.force->parameter(Role::strength));
-}
-
 // The scene's text with the blood volume as a number of its own, so that other numbers leave it alone.
 std::string with_total_volume(const Scene& scene) {
   const std::string section = "\n[circulation.initial]\n";
@@ -50,12 +45,7 @@ struct HeartStudy::Numbers {
     std::vector<T> force;
   };
   std::map<std::string, Cell> cells;
-  struct Wall {
-    ElastanceParametersOf<T> elastance;
-    ReducedWallParametersOf<T> reduced;
-    T activation_ms = 0, strength_kPa = 0;
-  };
-  std::vector<Wall> walls;
+  std::vector<std::vector<T>> walls;  // as the recipes list them
 };
 
 // visit(key, quantity, field), the same fields in the same order for any kind of number.
@@ -85,33 +75,10 @@ void HeartStudy::for_each_number(AnyNumbers& n, Visit visit) const {
         visit(at + "force_changes." + std::string(force[k].name), force[k], cell.force[k]);
   }
   for (std::size_t w = 0; w < scene_.walls.size(); ++w) {
-    auto& wall = n.walls[w];
-    const std::string at = "walls." + scene_.walls[w].name + ".";
-    if (scene_.walls[w].kind == "elastance") {
-      const auto fields = fields_of(wall.elastance);
-      for (std::size_t k = 0; k < elastance_quantities.size(); ++k)
-        visit(at + std::string(elastance_quantities[k].name), elastance_quantities[k], *fields[k]);
-      continue;
-    }
-    auto& r = wall.reduced;
-    visit(at + "activation_ms", scene_keys::activation, wall.activation_ms);
-    visit(at + "unloaded_volume_mL", scene_keys::V0, r.sphere.V0_mL);
-    visit(at + "wall_volume_mL", scene_keys::Vw, r.sphere.Vw_mL);
-    visit(at + "stiffness_kPa", scene_keys::stiffness, r.passive.C_kPa);
-    visit(at + "b_ff", scene_keys::b_ff, r.passive.b_ff);
-    visit(at + "b_ss", scene_keys::b_ss, r.passive.b_ss);
-    visit(at + "b_nn", scene_keys::b_nn, r.passive.b_nn);
-    if (!scene_.walls[w].fibres.front().settings.active) continue;
-    const Quantity& strength = scene_.walls[w].fibres.front().force->strength_key;
-    visit(at + std::string(strength.name), strength, wall.strength_kPa);
-    visit(at + "n_f", scene_keys::n_f, r.n_f);
-    visit(at + "n_n", scene_keys::n_n, r.n_n);
-    // Terms that the scene leaves out (zero) stay out.
-    if (r.viscosity_Pa_s > 0.0) visit(at + "viscosity_Pa_s", scene_keys::viscosity, r.viscosity_Pa_s);
-    if (r.epicardial_stiffness_Pa_per_m > 0.0)
-      visit(at + "epicardial_stiffness_Pa_per_m", scene_keys::robin_k, r.epicardial_stiffness_Pa_per_m);
-    if (r.epicardial_damping_Pa_s_per_m > 0.0)
-      visit(at + "epicardial_damping_Pa_s_per_m", scene_keys::robin_c, r.epicardial_damping_Pa_s_per_m);
+    const WallPlan& plan = scene_.walls[w];
+    const std::vector<NamedParameter> numbers = plan.recipe->numbers(plan);
+    for (std::size_t k = 0; k < numbers.size(); ++k)
+      visit("walls." + plan.name + "." + numbers[k].name, numbers[k].quantity, n.walls[w][k]);
   }
   for_each_circulation_parameter(n.circulation,
                                  [&](const std::string& name, const Quantity& quantity, auto& field) {
@@ -126,10 +93,10 @@ void HeartStudy::for_each_number(AnyNumbers& n, Visit visit) const {
 
 HeartStudy::HeartStudy(Scene scene) : scene_(std::move(scene)) {
   for (const WallPlan& wall : scene_.walls)
-    if (wall.kind == "triseg" || wall.kind == "tissue")
-      throw InputError(
-          fmt::format("walls.{}: a study has no equations for {} walls; use reduced or elastance walls",
-                      wall.name, wall.kind));
+    if (!wall.recipe->carries_derivatives())
+      throw InputError(fmt::format(
+          "walls.{}: a study has no equations for {} walls; use reduced, triseg or elastance walls",
+          wall.name, wall.kind));
   for (const auto& [name, cell] : scene_.cells)
     if (cell.ionic && !cell.from_limit_cycle)
       throw InputError(
@@ -165,12 +132,9 @@ HeartStudy::Numbers<T> HeartStudy::numbers() const {
     plain.cells.emplace(name, cell);
   }
   for (const WallPlan& plan : scene_.walls) {
-    Numbers<double>::Wall wall{plan.elastance, plan.reduced, 0, 0};
-    if (!plan.fibres.empty()) {
-      wall.activation_ms = plan.fibres.front().activation_ms;
-      wall.strength_kPa = plan.fibres.front().force_parameters[strength_index(plan.fibres.front())];
-    }
-    plain.walls.push_back(wall);
+    plain.walls.emplace_back();
+    for (const NamedParameter& number : plan.recipe->numbers(plan))
+      plain.walls.back().push_back(number.value);
   }
   if constexpr (std::is_same_v<T, double>) {
     return plain;
@@ -184,17 +148,7 @@ HeartStudy::Numbers<T> HeartStudy::numbers() const {
       lifted.force.assign(cell.force.begin(), cell.force.end());
       result.cells.emplace(name, std::move(lifted));
     }
-    for (const auto& wall : plain.walls) {
-      typename Numbers<T>::Wall lifted;
-      // Decides which terms exist, before the values are copied below.
-      lifted.reduced.viscosity_Pa_s = wall.reduced.viscosity_Pa_s;
-      lifted.reduced.epicardial_stiffness_Pa_per_m = wall.reduced.epicardial_stiffness_Pa_per_m;
-      lifted.reduced.epicardial_damping_Pa_s_per_m = wall.reduced.epicardial_damping_Pa_s_per_m;
-      lifted.reduced.n_f = wall.reduced.n_f;
-      lifted.reduced.n_n = wall.reduced.n_n;
-      lifted.strength_kPa = wall.strength_kPa;
-      result.walls.push_back(lifted);
-    }
+    for (const auto& wall : plain.walls) result.walls.emplace_back(wall.begin(), wall.end());
     std::vector<double> values;
     for_each_number(plain,
                     [&](const std::string&, const Quantity&, double value) { values.push_back(value); });
@@ -338,30 +292,24 @@ template <class T>
 std::unique_ptr<HeartDriverOf<T>> HeartStudy::build(const Numbers<T>& n, const CalciumOf<T>& calcium) const {
   std::vector<std::unique_ptr<WallOf<T>>> walls;
   const T period_ms = units::ms_per_s * n.period_s;
-  for (std::size_t w = 0; w < scene_.walls.size(); ++w) {
-    const WallPlan& plan = scene_.walls[w];
-    const auto& wall = n.walls[w];
-    if (plan.kind == "elastance") {
-      walls.push_back(
-          std::make_unique<ElastanceWallOf<T>>(plan.cavities.front(), wall.elastance, n.period_s));
-      continue;
-    }
-    const FibrePlan& fibre = plan.fibres.front();
-    const auto& cell = n.cells.at(fibre.cells);
-    std::unique_ptr<CellSourceOf<T>> source;
-    T rest = cell.transient.rest_uM;
-    if (scene_.cells.at(fibre.cells).ionic) {
-      source = std::make_unique<CyclicCalcium<T>>(calcium.at(fibre.cells), period_ms, wall.activation_ms);
-      rest = calcium.at(fibre.cells)->lowest_uM;
-    } else {
-      source = std::make_unique<PrescribedCalciumOf<T>>(cell.transient, period_ms, wall.activation_ms);
-    }
-    std::vector<T> force = cell.force;
-    force[strength_index(fibre)] = wall.strength_kPa;
-    walls.push_back(std::make_unique<ReducedWallOf<T>>(
-        plan.cavities.front(), wall.reduced,
-        ActiveFibreOf<T>(fibre.settings, *fibre.force, force, rest, std::move(source), plan.name)));
-  }
+  const WallSiteOf<T> site = {
+      scene_, n.period_s,
+      [&](const FibrePlan& fibre, const T& activation_ms, const T& strength_kPa, const std::string& place) {
+        const auto& cell = n.cells.at(fibre.cells);
+        std::unique_ptr<CellSourceOf<T>> source;
+        T rest = cell.transient.rest_uM;
+        if (scene_.cells.at(fibre.cells).ionic) {
+          source = std::make_unique<CyclicCalcium<T>>(calcium.at(fibre.cells), period_ms, activation_ms);
+          rest = calcium.at(fibre.cells)->lowest_uM;
+        } else {
+          source = std::make_unique<PrescribedCalciumOf<T>>(cell.transient, period_ms, activation_ms);
+        }
+        std::vector<T> force = cell.force;
+        force[static_cast<std::size_t>(fibre.force->parameter(Role::strength))] = strength_kPa;
+        return ActiveFibreOf<T>(fibre.settings, *fibre.force, force, rest, std::move(source), place);
+      }};
+  for (std::size_t w = 0; w < scene_.walls.size(); ++w)
+    walls.push_back(scene_.walls[w].recipe->make(scene_.walls[w], site, std::span<const T>(n.walls[w])));
   const double steps = std::round(scene_.period_s / scene_.dt_s);
   return std::make_unique<HeartDriverOf<T>>(
       DriverSettingsOf<T>{n.period_s, T(n.period_s / steps), scene_.stabilise_volumes,
@@ -452,10 +400,15 @@ std::unique_ptr<HeartDriverOf<Tangent>> HeartStudy::moving_heart(const std::vect
   for (int side = 0; side < 2; ++side) {
     atria[side].reset();
     if (!plain[side]) continue;
+    const int chamber = side == 0 ? LA : RA;
     for (std::size_t w = 0; w < scene_.walls.size(); ++w) {
-      if (scene_.walls[w].cavities.front() != (side == 0 ? LA : RA)) continue;
-      atria[side] = scene_.walls[w].kind == "elastance" ? wrapped(n.walls[w].elastance.tC, n.period_s)
-                                                        : Tangent(units::s_per_ms * n.walls[w].activation_ms);
+      const WallPlan& plan = scene_.walls[w];
+      if (std::find(plan.cavities.begin(), plan.cavities.end(), chamber) == plan.cavities.end()) continue;
+      const auto k = plan.recipe->activation_number(plan, chamber);
+      if (!k) continue;
+      const Tangent& onset = n.walls[w][*k];
+      const bool in_ms = plan.recipe->numbers(plan)[*k].quantity.unit == "ms";
+      atria[side] = wrapped(in_ms ? Tangent(units::s_per_ms * onset) : onset, n.period_s);
     }
   }
   return build<Tangent>(n, calcium<Tangent>(n));

@@ -29,7 +29,7 @@ struct HeartState {
 
 class HeartStudy {
  public:
-  // Refuses what a study has no text for: triseg walls, cells that start from their published state.
+  // Refuses what a study has no text for: 3D tissue, cells that start from their published state.
   explicit HeartStudy(Scene scene);
 
   // The same numbers; cells that are solved already stay so.

@@ -1,22 +1,16 @@
-// The door through which 3D tissue enters scenes. heart/ knows no deal.II: where the tissue was built and
-// linked, it registers how its tables are read, its walls are made and bodies of tissue alone are run.
+// What only a program with 3D tissue can do, besides its kind of wall (scene/wall_kind.hpp): bodies of tissue
+// alone, its own check, and work among MPI's ranks. heart/ knows no deal.II.
 #pragma once
 
 #include <filesystem>
 #include <functional>
-#include <map>
-#include <memory>
 #include <optional>
 #include <string>
 #include <wiggers/core/errors.hpp>
-#include <wiggers/core/settings.hpp>
-#include <wiggers/heart/walls/wall.hpp>
 
 namespace wiggers {
 
 struct Scene;
-struct WallPlan;
-struct PacedCellType;
 
 // A scene, or a verb, that needs the tissue where there is none.
 struct TissueNeeded : InputError {
@@ -39,11 +33,6 @@ struct BodyOutcome {
 };
 
 struct TissueKind {
-  // Reads the table of a wall or body, but for its cells, into plan.tissue; of a body also its cavities.
-  std::function<void(SettingsReader& table, const Scene& scene, WallPlan& plan)> read;
-  std::function<std::unique_ptr<Wall>(const Scene& scene, const WallPlan& plan,
-                                      const std::map<std::string, PacedCellType>& cells)>
-      make;
   // Runs a scene's body of tissue alone.
   std::function<BodyOutcome(const Scene& scene, const BodyRequest& request)> run_body;
   // Solves a small problem whose answer is known; says what was found, throws where it is wrong.
@@ -55,7 +44,7 @@ struct TissueKind {
   std::function<bool(bool)> any_rank = [](bool value) { return value; };
 };
 
-// `read`, `make`, `run_body` and `check` are empty where no tissue is linked.
+// `run_body` and `check` are empty where no tissue is linked.
 TissueKind& tissue_kind();
 
 }  // namespace wiggers

@@ -23,10 +23,13 @@ namespace wiggers {
 enum TriSegSegment { segment_L, segment_S, segment_R };
 inline constexpr int n_segments = 3;
 
-struct CapGeometry {
-  double wall_volume_mL = 0;
-  double reference_area_cm2 = 0;  // midwall, unloaded
+// Parameters may be plain, or dual to carry sensitivities.
+template <class P>
+struct CapGeometryOf {
+  P wall_volume_mL = 0;
+  P reference_area_cm2 = 0;  // midwall, unloaded
 };
+using CapGeometry = CapGeometryOf<double>;
 
 template <class T>
 struct Cap {
@@ -44,8 +47,8 @@ T cap_height(const T& Vm, const T& y) {
   return select(Vm < 0.0, T(-height), height);
 }
 
-template <class T>
-Cap<T> cap(const CapGeometry& g, const T& Vm, const T& y) {
+template <class T, class P>
+Cap<T> cap(const CapGeometryOf<P>& g, const T& Vm, const T& y) {
   constexpr double pi = 3.14159265358979323846;
   Cap<T> c;
   c.x = cap_height(Vm, y);
@@ -59,8 +62,8 @@ Cap<T> cap(const CapGeometry& g, const T& Vm, const T& y) {
 }
 
 // Midwall tension of a cap under a fibre stress (kPa cm).
-template <class T>
-T cap_tension(const CapGeometry& g, const Cap<T>& c, const T& fibre_stress) {
+template <class T, class P>
+T cap_tension(const CapGeometryOf<P>& g, const Cap<T>& c, const T& fibre_stress) {
   const T z2 = square(c.z);
   return g.wall_volume_mL * fibre_stress / (2.0 * c.area) * (1.0 + z2 / 3.0 + square(z2) / 5.0);
 }
@@ -87,12 +90,12 @@ struct TriSegBalance {
 };
 
 // fibre_stress(segment, stretch) gives the stress of each wall (kPa).
-template <class T, class FibreStress>
-TriSegBalance<T> triseg_balance(const std::array<CapGeometry, n_segments>& g, const T& V_LV, const T& V_RV,
-                                const T& Vm_S, const T& y, FibreStress fibre_stress) {
+template <class T, class P, class FibreStress>
+TriSegBalance<T> triseg_balance(const std::array<CapGeometryOf<P>, n_segments>& g, const T& V_LV,
+                                const T& V_RV, const T& Vm_S, const T& y, FibreStress fibre_stress) {
   TriSegBalance<T> b;
-  const double half_L = 0.5 * (g[segment_L].wall_volume_mL + g[segment_S].wall_volume_mL);
-  const double half_R = 0.5 * (g[segment_R].wall_volume_mL + g[segment_S].wall_volume_mL);
+  const P half_L = 0.5 * (g[segment_L].wall_volume_mL + g[segment_S].wall_volume_mL);
+  const P half_R = 0.5 * (g[segment_R].wall_volume_mL + g[segment_S].wall_volume_mL);
   const T Vm[n_segments] = {Vm_S - V_LV - half_L, Vm_S, Vm_S + V_RV + half_R};
   T transmural[n_segments];
   b.axial = b.radial = T(0.0);

@@ -380,6 +380,25 @@ TEST_CASE("heart sensitivities for every force model, scheme of regulation and s
   CHECK(n_models >= 2);
 }
 
+TEST_CASE("sensitivities of ventricles that share a septum") {
+  HeartStudy heart(
+      read_scene(std::string(WIGGERS_TEST_DATA) + "/../../scenes/triseg.toml", {"solver.dt_s=2e-3"}));
+  HeartState state = heart.to_limit_cycle({}, nullptr);
+  REQUIRE(state.certificate.good());
+  const FixedPointDerivatives newton = heart.newton_at(state);
+  state = heart.refined(state, newton);
+  const Sensitivities table = heart.sensitivities(
+      state,
+      {"walls.ventricles.left.a_XB_kPa", "walls.ventricles.septum.activation_ms",
+       "walls.ventricles.right.reference_area_cm2", "walls.ventricles.septum.stiffness_kPa",
+       "walls.ventricles.left.wall_volume_mL", "walls.ventricles.n_n", "circulation.circuit.SYS.R_AR"});
+  REQUIRE(table.parameters.size() == 7);
+  const Worst worst = compare(table, heart.parameters(), {1e-4, 1e-5}, changed_heart(heart, state, newton));
+  INFO(worst.smooth_at << " " << worst.smooth << ", " << worst.events_at << " " << worst.events);
+  CHECK(worst.smooth < 1e-5);
+  CHECK(worst.events < 1e-3);
+}
+
 TEST_CASE("every parameter of a heart's study is the scene's key") {
   const Scene scene = read_scene_text(small_heart, "small heart", {});
   HeartStudy heart(scene);

@@ -170,7 +170,7 @@ def test_four_chambers_and_two_arteries_in_one_body(tmp_path):
 def test_steps_too_long_for_newton_are_halved(tmp_path):
     words = [*COARSE, *sets(heart__period_s=0.8, solver__inductors="implicit", walls__LV__fields_every_ms=0,
                                 circulation__valves__AV__Rmin=0.0135,  # so that the aorta bears such long steps
-                                walls__LV__a_XB_kPa=1.2e6)]  # too strong for them
+                                walls__LV__a_XB_kPa=1.2e7)]  # too strong for them
     long = run("run", SCENES / "left_ventricle_3d.toml", *words, *sets(solver__dt_s=0.04), "-o", "long.h5", "--json", cwd=tmp_path)
     assert long.status == 0, long.err
     figures = datasets(tmp_path / "long.h5")

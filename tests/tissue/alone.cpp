@@ -41,9 +41,7 @@ Scene scene(const std::string& text, const std::vector<std::string>& overrides =
   return read_scene_text(text, "scene.toml", overrides);
 }
 
-const TissuePlan& plan_of(const Scene& s) {
-  return *std::static_pointer_cast<const TissuePlan>(s.walls.front().tissue);
-}
+const TissuePlan& plan_of(const Scene& s) { return tissue_plan(s.walls.front()); }
 
 nlohmann::json run(const Scene& s, const BodyRequest& request = {{}, {}, true}) {
   const BodyOutcome outcome = s.physics == Physics::mechanics

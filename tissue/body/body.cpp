@@ -91,7 +91,7 @@ void say_of_fibres(const TissuePlan& plan, const TetMesh& mesh, const FibreField
 std::vector<IonicRegion> ionic_regions(const Scene& scene, const WallPlan& wall, const TetMesh& mesh,
                                        const std::map<std::string, PacedCellType>& cells,
                                        const std::string& place) {
-  const TissuePlan& plan = *std::static_pointer_cast<const TissuePlan>(wall.tissue);
+  const TissuePlan& plan = tissue_plan(wall);
   const double period_ms = scene.period_s * units::ms_per_s;
   std::vector<IonicRegion> regions;
   for (std::size_t r = 0; r < wall.fibres.size(); ++r) {

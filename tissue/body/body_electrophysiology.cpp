@@ -41,7 +41,7 @@ struct ElectrophysiologyRun {
       : scene(s),
         request(r),
         communicator(c),
-        plan(*std::static_pointer_cast<const TissuePlan>(s.walls.front().tissue)),
+        plan(tissue_plan(s.walls.front())),
         style(r.quiet ? Progress::Style::quiet : Progress::Style::automatic) {
     if (plan.electrophysiology.tau_s > scene.rows_every_ms * units::s_per_ms * (1 + 1e-9))
       throw InputError(fmt::format("body.electrophysiology.tau_ms = {} is longer than run.rows_every_ms = {}",

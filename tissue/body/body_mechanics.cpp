@@ -51,7 +51,7 @@ struct MechanicsRun {
       : scene(s),
         request(r),
         communicator(c),
-        plan(*std::static_pointer_cast<const TissuePlan>(s.walls.front().tissue)),
+        plan(tissue_plan(s.walls.front())),
         chambers(s.walls.front().cavities),
         style(r.quiet ? Progress::Style::quiet : Progress::Style::automatic) {
     rows.columns = {{"/load", "1", "share of the load", {}}};

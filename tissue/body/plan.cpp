@@ -140,9 +140,23 @@ void read_stimuli(SettingsReader& table, double period_s, TissuePlan& plan) {
     plan.electrodes.push_back(read_place(electrodes.table(name)));
 }
 
-}  // namespace
+// Cells of the pieces of wall.
+void read_cells(SettingsReader& table, const Scene& scene, WallPlan& wall) {
+  const auto read_piece = [&](SettingsReader& piece) {
+    return scene.physics == Physics::heart ? read_fibre(piece, scene) : read_fibre_cells(piece, scene);
+  };
+  if (table.is_table("cells")) {
+    // Different cells in ventricles and atria.
+    SettingsReader& cells = table.table("cells");
+    wall.fibres = {read_piece(cells.table("ventricles")), read_piece(cells.table("atria"))};
+  } else {
+    wall.fibres = {read_piece(table)};
+  }
+}
 
 void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& wall) {
+  // Where mechanics is alone, tension is prescribed and there are no cells.
+  if (scene.physics != Physics::mechanics) read_cells(table, scene, wall);
   auto plan = std::make_shared<TissuePlan>();
   read_mesh_keys(table, scene, *plan, wall.files);
   const std::string& shape = plan->shape;
@@ -174,7 +188,23 @@ void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& wall) {
     plan->fields_every_step = table.flag("fields", true);
   else
     plan->fields_every_ms = table.number(keys::fields_every);
-  wall.tissue = std::move(plan);
+  wall.recipe = std::make_shared<TissueRecipe>(std::move(*plan));
+}
+
+}  // namespace
+
+WallKind tissue_wall_kind() {
+  return {"tissue", {"LA", "LV", "RA", "RV", "ventricles", "heart"}, read_tissue};
+}
+
+const TissuePlan& tissue_plan(const WallPlan& wall) {
+  return dynamic_cast<const TissueRecipe&>(*wall.recipe).plan();
+}
+
+std::optional<double> TissueRecipe::activation_s(const WallPlan& plan, int, double) const {
+  if (plan.fibres.empty() || !plan.fibres.back().settings.active) return {};
+  return plan.fibres.back().activation_ms *
+         units::s_per_ms;  // of several pieces of wall the atria's is the last
 }
 
 }  // namespace wiggers

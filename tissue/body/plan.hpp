@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 #include <wiggers/heart/scene/scene.hpp>
+#include <wiggers/heart/scene/wall_kind.hpp>
 #include <wiggers/tissue/physics/mechanics.hpp>
 #include <wiggers/tissue/physics/monodomain.hpp>
 
@@ -136,13 +137,27 @@ struct TissuePlan {
   double fields_every_ms = 10;
 };
 
-// Reads the table of a wall or body, what its physics needs; fills plan.tissue (a TissuePlan), for bodies
-// also plan.cavities.
-void read_tissue(SettingsReader& table, const Scene& scene, WallPlan& plan);
+// A wall or body of tissue as its table describes it.
+class TissueRecipe final : public WallRecipe {
+ public:
+  explicit TissueRecipe(TissuePlan plan) : plan_(std::move(plan)) {}
+  const TissuePlan& plan() const { return plan_; }
+  std::unique_ptr<Wall> make(const WallPlan& plan, const WallSiteOf<double>& site,
+                             std::span<const double> values) const override;
+  std::optional<double> activation_s(const WallPlan& plan, int chamber, double period_s) const override;
+  bool in_space() const override { return true; }
 
-// The part of it on mechanics; adds cavities that only the loads name. For read_tissue().
+ private:
+  TissuePlan plan_;
+};
+const TissuePlan& tissue_plan(const WallPlan& wall);  // of a wall of this kind
+
+// Reads a wall's or body's table, what its physics needs; of a body also its cavities.
+WallKind tissue_wall_kind();
+
 // Where linear tetrahedra meet a bulk modulus at which they lock: what to do; else empty.
 std::string locking_warning(const MechanicsSettings& mechanics);
+// The part of the table on mechanics; adds cavities that only the loads name.
 void read_mechanics(SettingsReader& table, Physics physics, std::vector<int>& chambers, TissuePlan& plan);
 
 }  // namespace wiggers

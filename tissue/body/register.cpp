@@ -1,3 +1,4 @@
+#include <wiggers/heart/scene/wall_kind.hpp>
 #include <wiggers/heart/walls/tissue_kind.hpp>
 #include <wiggers/tissue/body/body_run.hpp>
 #include <wiggers/tissue/body/plan.hpp>
@@ -9,12 +10,8 @@
 namespace wiggers {
 
 void register_tissue() {
+  register_wall_kind(tissue_wall_kind());
   TissueKind& kind = tissue_kind();
-  kind.read = read_tissue;
-  kind.make = [](const Scene& scene, const WallPlan& plan,
-                 const std::map<std::string, PacedCellType>& cells) -> std::unique_ptr<Wall> {
-    return std::make_unique<TissueWall>(scene, plan, cells, MPI_COMM_WORLD);
-  };
   kind.run_body = [](const Scene& scene, const BodyRequest& request) {
     return scene.physics == Physics::mechanics ? run_body_mechanics(scene, request, MPI_COMM_WORLD)
                                                : run_body_electrophysiology(scene, request, MPI_COMM_WORLD);

@@ -237,13 +237,18 @@ struct TissueWall::Implementation {
   }
 };
 
+std::unique_ptr<Wall> TissueRecipe::make(const WallPlan& plan, const WallSiteOf<double>& site,
+                                         std::span<const double>) const {
+  return std::make_unique<TissueWall>(site.scene, plan, *site.cells, MPI_COMM_WORLD);
+}
+
 TissueWall::TissueWall(const Scene& scene, const WallPlan& wall,
                        const std::map<std::string, PacedCellType>& cells, MPI_Comm communicator)
     : me_(std::make_unique<Implementation>()) {
   auto& me = *me_;
   me.name = wall.name;
   me.chambers = wall.cavities;
-  me.plan = *std::static_pointer_cast<const TissuePlan>(wall.tissue);
+  me.plan = tissue_plan(wall);
   me.communicator = communicator;
   int rank = 0;
   MPI_Comm_rank(communicator, &rank);
