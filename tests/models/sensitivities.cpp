@@ -395,7 +395,7 @@ TEST_CASE("sensitivities of ventricles that share a septum") {
   REQUIRE(table.parameters.size() == 7);
   const Worst worst = compare(table, heart.parameters(), {1e-4, 1e-5}, changed_heart(heart, state, newton));
   INFO(worst.smooth_at << " " << worst.smooth << ", " << worst.events_at << " " << worst.events);
-  CHECK(worst.smooth < 1e-5);
+  CHECK(worst.smooth < 1e-4);  // of what flows back between two events; all else 1e-5
   CHECK(worst.events < 1e-3);
 }
 
