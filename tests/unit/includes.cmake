@@ -22,7 +22,7 @@ folder(heart/coupling core circulation heart/walls)
 folder(heart/scene core cellmodels circulation heart/walls heart/indexes)
 folder(heart/run core cellmodels circulation heart/walls heart/coupling heart/scene heart/indexes)
 folder(heart/study core cellmodels circulation heart/walls heart/coupling heart/scene heart/indexes heart/run)
-folder(heart/measure core cellmodels circulation heart/indexes heart/run)
+folder(heart/measure core cellmodels circulation heart/indexes heart/scene heart/run)
 folder(heart/command core cellmodels circulation heart)
 
 folder(tissue/laws core)
