@@ -281,7 +281,7 @@ struct Strip {
 TEST_CASE("excitation runs along a strip in order") {
   Strip strip;
   const double rest = strip.monodomain.potential_mV()[0];
-  CHECK(rest == Approx(find_model("ttp06-epi").default_state()[0]).margin(20));
+  CHECK(rest == find_model("ttp06-epi").default_state()[0]);
   strip.monodomain.advance(0, 30e-3);
   const NodeSpace& space = strip.monodomain.nodes();
   std::vector<std::pair<double, double>> along;  // x, activation
@@ -299,6 +299,9 @@ TEST_CASE("excitation runs along a strip in order") {
   CHECK(speed > 0.3);
   CHECK(speed < 1.2);
   CHECK(strip.monodomain.cost().steps == 600);
+  // 3335 when this was written: lost efficiency fails here.
+  CHECK(strip.monodomain.cost().iterations < 3470);
+  CHECK(strip.monodomain.cost().iterations > 2900);
   const std::vector<double> calcium = strip.monodomain.calcium_uM();
   CHECK(*std::max_element(calcium.begin(), calcium.end()) > 0.2);
   CHECK(strip.monodomain.state("Ca_i")[0] == Approx(1e-3 * calcium[0]));
