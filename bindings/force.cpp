@@ -17,11 +17,13 @@ struct Muscle {
   std::vector<double> parameters;
 };
 
-// Calcium, sarcomere length and its rate, each within its range.
-std::array<double, 3> inputs_of(double calcium_uM, double SL_um, double dSL_dt_um_per_s) {
+// Calcium, sarcomere length and its rate, each within its range and where the model holds.
+std::array<double, 3> inputs_of(const Muscle& force, double calcium_uM, double SL_um,
+                                double dSL_dt_um_per_s) {
   const std::array values{calcium_uM, SL_um, dSL_dt_um_per_s};
   constexpr std::array names{"calcium_uM", "SL_um", "dSL_dt_um_per_s"};
   for (std::size_t k = 0; k < values.size(); ++k) check_range(facts::force_inputs[k], values[k], names[k]);
+  check_sarcomere_length(*force.model, force.parameters, SL_um);
   return values;
 }
 
@@ -72,7 +74,7 @@ void bind_force(py::module_& m) {
           "rhs",
           [](const Muscle& force, const Array& y, double calcium_uM, double SL_um, double dSL_dt_um_per_s) {
             const auto state = vector_of(y, force.model->states.size(), "y");
-            const auto inputs = inputs_of(calcium_uM, SL_um, dSL_dt_um_per_s);
+            const auto inputs = inputs_of(force, calcium_uM, SL_um, dSL_dt_um_per_s);
             std::vector<double> rates(state.size());
             force.model->evaluate(state.data(), inputs.data(), force.parameters.data(), rates.data(),
                                   nullptr);
@@ -83,7 +85,7 @@ void bind_force(py::module_& m) {
           "jacobian",
           [](const Muscle& force, const Array& y, double calcium_uM, double SL_um, double dSL_dt_um_per_s) {
             const auto state = vector_of(y, force.model->states.size(), "y");
-            const auto inputs = inputs_of(calcium_uM, SL_um, dSL_dt_um_per_s);
+            const auto inputs = inputs_of(force, calcium_uM, SL_um, dSL_dt_um_per_s);
             const std::size_t n = state.size();
             std::vector<double> columns(n * n), rows(n * n);
             force.model->jacobian(state.data(), inputs.data(), force.parameters.data(), columns.data());
@@ -149,6 +151,7 @@ void bind_force(py::module_& m) {
             for (std::size_t k = 0; k < n; ++k) {
               check_range(force.model->inputs[0], calcium[k], fmt::format("calcium_uM[{}]", k));
               check_range(force.model->inputs[1], length[k], fmt::format("SL_um[{}]", k));
+              check_sarcomere_length(*force.model, force.parameters, length[k]);
             }
             std::vector<double> tension;
             {
@@ -157,13 +160,16 @@ void bind_force(py::module_& m) {
               const auto equations = force.model->equations(force.parameters);
               std::size_t row = 0;
               const auto share = [&](double time) { return (time - t[row]) / (t[row + 1] - t[row]); };
+              const auto slope = [&](std::size_t k) {
+                return (length[k + 1] - length[k]) / (t[k + 1] - t[k]);
+              };
               OdeSystem system;
               system.size = y.size();
               const auto inputs = [&](double time, double* in) {
                 const double s = share(time);
                 in[0] = calcium[row] + s * (calcium[row + 1] - calcium[row]);
                 in[1] = length[row] + s * (length[row + 1] - length[row]);
-                in[2] = (length[row + 1] - length[row]) / (t[row + 1] - t[row]);
+                in[2] = slope(row);
               };
               system.derivative = [&](double time, const double* state, double* rates) {
                 double in[3];
@@ -179,6 +185,8 @@ void bind_force(py::module_& m) {
               tension.push_back(stepper->forces(y.data(), length[0]).tension_kPa);
               solver.restart(t[0], y);
               for (; row + 1 < n; ++row) {
+                // Where the rate of length jumps, so do rates: what the solver knows of the past is no guide.
+                if (row > 0 && slope(row) != slope(row - 1)) solver.restart(t[row], y);
                 y = solver.advance(t[row + 1]);
                 tension.push_back(stepper->forces(y.data(), length[row + 1]).tension_kPa);
                 if ((row & 63) == 63) check_signals();

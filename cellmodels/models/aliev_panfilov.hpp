@@ -31,7 +31,8 @@ struct AlievPanfilov {
   enum State { V, v };
   static constexpr std::array states = {
       facts::membrane_potential(-80),
-      Quantity{"v", "1", 0, 0, 10, "recovery"},
+      // Where the potential is above its plateau the recovery goes below zero.
+      Quantity{"v", "1", 0, -5, 100, "recovery"},
   };
   static_assert(well_formed(states));
   static_assert(named_as<State>(states));

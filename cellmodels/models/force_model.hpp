@@ -6,14 +6,16 @@
 //     well_formed and named_as. Mark in the parameters facts::reference_length and one Role::strength (it
 //     scales the tension and nothing else: a wall's own key); the observables hold facts::active_tension and
 //     facts::active_stiffness.
-//  3. List parameter_sets, the first one with no changes; derive Constants<P> in constants(); write
-//  evaluate().
+//  3. List parameter_sets, the first one with no changes; derive Constants<P> in constants(): numbers of P
+//  alone, among
+//     them the parameters as P p[...]; write evaluate().
 //  4. Split the step of a wall in two. regulate(h, y, calcium, length, constants, regulation) moves the first
 //  n_regulated
 //     states and says in Regulation<N> what they mean for the bridges; regulation(y, ...) says it at a state,
-//     with the derivatives of these states. cycle(h, y, regulation, v, v_detaching, constants) moves the
-//     others for a shortening velocity v = -(dSL/dt)/SL0; what decides how many bridges there are takes
-//     v_detaching, so that the tension is linear in v. Both give false where they cannot.
+//     with the derivatives of these states in its std::array derivative. cycle(h, y, regulation, v,
+//     v_detaching, constants) moves the others for a shortening velocity v = -(dSL/dt)/SL0; what decides how
+//     many bridges there are takes v_detaching, so that the tension is linear in v. Both give false where
+//     they cannot.
 //  5. Write tension(y, length, constants) and stiffness(...) in kPa, holds_at(length, parameters) and
 //  beyond(length,
 //     parameters), which says why not.
@@ -25,10 +27,18 @@
 // sensitivities, the monolithic heart, Python, and the tests that loop over all models.
 #pragma once
 
+#include <string>
+#include <tuple>
+#include <type_traits>
 #include <wiggers/cellmodels/models/ionic_model.hpp>
 
 namespace wiggers {
 
+template <class Model>
+concept KeepsParameters = requires(const typename Model::template Constants<double>& constants) {
+  requires std::extent_v<decltype(constants.p)>
+  == Model::parameters.size();
+};
 template <class Model>
 concept StepsInWalls = requires(const double h, double* y, const double x,
                                 const typename Model::template Constants<double>& c,
@@ -36,6 +46,8 @@ concept StepsInWalls = requires(const double h, double* y, const double x,
   { Model::regulate(h, y, x, x, c, regulation) } -> std::same_as<bool>;
   { Model::cycle(h, y, regulation, x, x, c) } -> std::same_as<bool>;
   { Model::regulation(y, x, x, c) } -> std::same_as<typename Model::template Regulation<double>>;
+  requires std::tuple_size_v<decltype(regulation.derivative)>
+  == Model::n_regulated;
   requires Model::n_regulated >
   0 && Model::n_regulated <= static_cast<int>(Model::states.size());
 };
@@ -69,10 +81,13 @@ consteval bool require_force_model() {
       index_of(Model::observables, Role::tension) >= 0 && index_of(Model::observables, Role::stiffness) >= 0,
       "a force model observes facts::active_tension and facts::active_stiffness");
   static_assert(HasConstants<Model>,
-                "a force model derives Constants<P>, plain numbers, in constants(parameters)");
+                "a force model derives Constants<P>, plain numbers of P alone, in constants(parameters)");
+  static_assert(KeepsParameters<Model>, "a force model's Constants<P> hold its parameters as P p[...]");
   static_assert(CanEvaluate<Model>, "a force model evaluates: evaluate<N>(y, inputs, constants)");
-  static_assert(StepsInWalls<Model>,
-                "a force model steps by regulation, regulate and cycle of its Regulation<N>");
+  static_assert(
+      StepsInWalls<Model>,
+      "a force model steps by regulation, regulate and cycle of its Regulation<N>, whose derivative is a "
+      "std::array of n_regulated");
   static_assert(GivesForce<Model>, "a force model gives tension and stiffness, holds_at and beyond");
   static_assert(HasInvariants<Model> || SaysWhyNoInvariants<Model>,
                 "a force model lists invariants with invariant_values, invariant_slopes and "

@@ -21,7 +21,8 @@
 //  7. If you like: split evaluate in voltage_gates, voltage_factors (n_voltage_factors of them) and balances,
 //  so
 //     that tables can stand in for what depends on the potential alone (only then are there voltage gates);
-//     list branch_potentials where rates jump; name as SameEquations a model that differs by numbers alone,
+//     list branch_potentials where rates jump, ascending, hold them as P branch[...] in Constants and ask
+//     V < branch[k] (ttp06.hpp); name as SameEquations a model that differs by numbers alone,
 //     whose compiled kernels this one may share.
 //
 // The rest follows: command, all integrators, SIMD kernels, limit cycles, sensitivities, tissue, Python, and
@@ -57,6 +58,9 @@ template <class Model>
 concept HasConstants = requires(const double* parameters) {
   { Model::constants(parameters) } -> std::same_as<typename Model::template Constants<double>>;
   requires std::is_trivially_copyable_v<typename Model::template Constants<double>>;
+  // All of them are P: kernels fill SIMD vectors number by number.
+  requires sizeof(typename Model::template Constants<double>) ==
+      2 * sizeof(typename Model::template Constants<float>);
 };
 template <class Model>
 concept CanEvaluate = requires(const double* y, const typename Model::template Constants<double>& constants) {
@@ -73,6 +77,12 @@ concept HasInvariants = requires(const double* y,
 template <class Model>
 concept SaysWhyNoInvariants = requires {
   requires !std::string_view(Model::no_invariants).empty();
+};
+
+template <class Model>
+concept HoldsBranches = requires(typename Model::template Constants<double>& constants) {
+  requires std::extent_v<decltype(constants.branch)>
+  == Model::branch_potentials.size();
 };
 
 template <class Model>
@@ -94,7 +104,7 @@ consteval bool require_ionic_model() {
                 "one state of an ionic model is marked as the potential: facts::membrane_potential");
   static_assert(Model::parameter_sets[0].name == "default", "the first parameter set is named \"default\"");
   static_assert(HasConstants<Model>,
-                "an ionic model derives Constants<P>, plain numbers, in constants(parameters)");
+                "an ionic model derives Constants<P>, plain numbers of P alone, in constants(parameters)");
   static_assert(CanEvaluate<Model>, "an ionic model evaluates: evaluate<N>(y, inputs, constants)");
   static_assert(
       HasInvariants<Model> || SaysWhyNoInvariants<Model>,
@@ -103,8 +113,13 @@ consteval bool require_ionic_model() {
   static_assert(
       InParts<Model> || std::ranges::none_of(is_voltage_gate<Model>, [](bool is) { return is; }),
       "voltage gates need voltage_gates, voltage_factors and balances; mark other gates as facts::gate");
-  if constexpr (requires { Model::branch_potentials; })
+  if constexpr (requires { Model::branch_potentials; }) {
     static_assert(std::ranges::is_sorted(Model::branch_potentials), "branch_potentials ascend");
+    static_assert(HoldsBranches<Model>, "branch_potentials stand as P branch[...] in Constants<P>");
+  }
+  if constexpr (calcium_of<Model> >= 0)
+    static_assert(Model::states[calcium_of<Model>].unit == std::string_view("mM"),
+                  "calcium that drives a force model is in mM: facts::free_calcium");
   return IonicModel<Model>;
 }
 

@@ -1,4 +1,4 @@
-// Ionic cells and RDQ20 at the extremes.
+// Ionic cells and force models at the extremes.
 #include <fmt/format.h>
 
 #include <algorithm>

@@ -176,6 +176,7 @@ TradeStudy trade_cell(const CellModel& model, const std::vector<double>& paramet
       for (double spacing : {0.0, 0.05, 0.1, 0.2})
         for (bool single : {false, true}) {
           if (single && spacing != 0.1 && spacing != 0) continue;
+          if (spacing > 0 && !model.has_voltage_table) continue;
           PopulationSettings settings;
           settings.integrator = name;
           settings.table_spacing_mV = spacing;

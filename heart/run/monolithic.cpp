@@ -179,10 +179,13 @@ struct MonolithicHeart::Implementation {
   std::vector<double> absolute() const {
     std::vector<double> a;
     const double r = settings.relative_tolerance;
-    for (std::size_t i = 0; i < n_differential; ++i) {
-      const bool moment = i >= n_circulation_states && (i - n_circulation_states) % 20 >= 16;
-      a.push_back(i < n_circulation_states ? 0.1 * r : moment ? 1e-4 * r : 1e-2 * r);
-    }
+    a.assign(n_differential, 0.1 * r);
+    // Probabilities are of size one; what else a force model has (moments, distortions) is small.
+    for (const Fibre& f : fibres)
+      for (std::size_t i = 0; i < f.rest.size(); ++i) {
+        const Quantity& q = f.plan->force->states[i];
+        a[f.offset + i] = (q.lower == 0 && q.upper == 1 ? 1e-2 : 1e-4) * r;
+      }
     return a;
   }
 

@@ -62,8 +62,8 @@ inline constexpr Quantity dt{"dt_s", "s",  1e-3,
                              1e-6,   0.05, "step of mechanics and circulation; divides the period"};
 inline constexpr Quantity substep{"electrophysiology_substep_ms", "ms", 0.1, 1e-4, 1,
                                   "step of the ionic cells"};
-inline constexpr Quantity ru_substep{"regulatory_substep_us",           "us", 25, 0.1, 1000,
-                                     "step of RDQ20's regulatory units"};
+inline constexpr Quantity ru_substep{
+    "regulatory_substep_us", "us", 25, 0.1, 1000, "sub-step of the force model's regulation"};
 inline constexpr Quantity beats{"beats", "1", 1, 1, 1e6, "number of beats to run"};
 inline constexpr Quantity distance{
     "distance", "1",  1e-6,

@@ -1,4 +1,4 @@
-// The reduced wall: a thick-walled sphere whose tension comes from cell to calcium to RDQ20.
+// The reduced wall: a thick-walled sphere whose tension comes from cell to calcium to force model.
 //
 //   ActiveFibre (tension at a stretch) -> sphere: p(V) = p_passive(V) + (n_f + n_n) tension(lambda(V)) G(V)
 //                                                      + viscosity + surroundings

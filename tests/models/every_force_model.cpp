@@ -165,6 +165,18 @@ TEST_CASE("every force model: derivatives of a step and of the steady state are 
   }
 }
 
+TEST_CASE("Land 2017: troponin that is bound at once has a steady state") {
+  const CellModel& model = find_model("land2017");
+  auto parameters = model.parameter_values("intact");
+  parameters[Land2017::n_TRPN] = 6;
+  const auto y = steady_force_state(model, parameters, 1000, 1.9);
+  CHECK(y[Land2017::CaTRPN] == Approx(1).epsilon(1e-12));
+  // The same as for twice as cooperative a troponin as the paper's, and a tenth of this calcium.
+  parameters[Land2017::n_TRPN] = 4;
+  const auto less = steady_force_state(model, parameters, 100, 1.9);
+  CHECK(y[Land2017::S] == Approx(less[Land2017::S]).epsilon(1e-6));
+}
+
 TEST_CASE("Land 2017: rates and tension of a second writing") {
   const CellModel& model = find_model("land2017");
   const Table table = data_table("cell/land2017_rhs.csv");

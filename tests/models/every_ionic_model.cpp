@@ -191,6 +191,25 @@ TEST_CASE("every ionic model: all integrators agree on a beat") {
   });
 }
 
+TEST_CASE("Aliev-Panfilov: its states' ranges hold what its parameters and strong stimuli make of it") {
+  const CellModel& model = find_model("aliev-panfilov");
+  const auto beat = [&](std::string_view name, double value, double stimulus_A_per_F) {
+    auto parameters = model.parameter_values("default");
+    if (!name.empty()) parameters[require_index(model.parameters, "parameter", name)] = value;
+    PacedCell cell(model, parameters, {400, {stimulus_A_per_F, 2, 0}}, {"cvode", 1e-7, 1e-9, 0});
+    std::vector<double> y = model.default_state();
+    double highest = 0, lowest = 0;
+    cell.beat(y, 1, [&](double, const double* state, double) {
+      highest = std::max(highest, state[AlievPanfilov::v]);
+      lowest = std::min(lowest, state[AlievPanfilov::v]);
+    });
+    return std::array{lowest, highest};
+  };
+  CHECK(beat("k", 80, -20)[1] > 10);
+  CHECK(beat("", 0, -100)[0] < -1e-4);
+  CHECK(beat("V_amplitude", 50, -50)[0] < -1e-4);
+}
+
 TEST_CASE("every ionic model: a limit cycle and its derivatives") {
   with_every_model([&]<class Model>(const CellModel& model) {
     CellStudy study = make_cell_study(model);

@@ -295,6 +295,13 @@ def test_reference_pages_are_in_step(wiggers):
         assert (SCENES.parent / "docs" / "reference" / f"{model}.txt").read_text() == text, "run make reference"
 
 
+def test_trade_of_a_cell_without_tables(wiggers, tmp_path):
+    outcome = wiggers("trade", "cell", "aliev-panfilov", "--quiet", "-o", "study")
+    assert outcome.status == 0
+    rows = json.loads((tmp_path / "study" / "trade.json").read_text())["rows"]
+    assert any("batch" in row["method"] for row in rows) and not any("tables" in row["setting"] for row in rows)
+
+
 def test_trade_writes_table_picture_and_recommendation(wiggers, tmp_path):
     outcome = wiggers("trade", "loop", "--quiet", "--tolerance", "pressure=0.01mmHg", "-o", "study")
     assert outcome.status == 0

@@ -42,6 +42,29 @@ def test_every_force_model(name):
         wiggers.Force(model="crn")
 
 
+@pytest.mark.parametrize("name", wiggers.models("force"))
+@pytest.mark.parametrize("samples", [5, 21, 81])
+def test_tension_along_a_length_with_kinks(name, samples):
+    # Straight lines between the samples: whether the line's own points are given too makes no difference.
+    force = wiggers.Force(model=name)
+    t = np.linspace(0, 0.4, samples)
+    calcium = 0.1 + 0.4 * np.sin(np.pi * t / 0.4) ** 2
+    length = 2.0 * (1 - 0.1 * np.sin(2 * np.pi * t / 0.4))
+    fine = np.linspace(0, 0.4, 4 * (samples - 1) + 1)
+    tension = force.run(t, calcium, length)
+    assert tension == pytest.approx(force.run(fine, np.interp(fine, t, calcium), np.interp(fine, t, length))[::4],
+                                    rel=1e-5, abs=1e-4)
+
+
+def test_a_length_that_a_model_does_not_describe():
+    force = wiggers.Force(model="land2017", Ca50=0.0805)
+    y = force.initial_state
+    for call in (lambda: force.run([0, 0.1], [0.5, 0.5], [1.9, 2.2]), lambda: force.rhs(y, 0.5, 2.2),
+                 lambda: force.jacobian(y, 0.5, 2.2), lambda: force.steady_state(0.5, 2.2)):
+        with pytest.raises(wiggers.InputError, match="calcium at half binding, -0.29.* uM, is not positive"):
+            call()
+
+
 def test_hearts_with_another_force_model():
     heart = wiggers.Heart(str(Path(os.environ["WIGGERS_ROOT"]) / "scenes/whole_heart_land2017.toml"))
     cycle = heart.to_limit_cycle()
