@@ -30,6 +30,11 @@ class StepperFor final : public ForceStepperOf<T> {
     return {Model::tension(y, length, constants_), Model::stiffness(y, length, constants_)};
   }
   bool holds_at(const T& length) const override { return Model::holds_at(length, constants_.p); }
+  std::string beyond(double length) const override {
+    std::array<double, Model::parameters.size()> p;
+    for (std::size_t k = 0; k < p.size(); ++k) p[k] = value_of(constants_.p[k]);
+    return Model::beyond(length, p.data());
+  }
 
  private:
   typename Model::template Constants<T> constants_;
@@ -94,7 +99,7 @@ void check_sarcomere_length(const CellModel& model, const std::vector<double>& p
   with_force_model(model, [&]<class Model>() {
     check_range(Model::inputs[Model::SL], length_um, "sarcomere length");
     if (!Model::holds_at(length_um, parameters.data()))
-      throw InputError(fmt::format("sarcomere length SL = {} um: {}", length_um,
+      throw InputError(fmt::format("{} at sarcomere length SL = {} um: {}", Model::name, length_um,
                                    Model::beyond(length_um, parameters.data())));
   });
 }

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <memory>
+#include <string>
 #include <vector>
 #include <wiggers/cellmodels/catalogue/catalogue.hpp>
 #include <wiggers/cellmodels/schemes/force_step.hpp>
@@ -26,6 +27,7 @@ class ForceStepperOf {
   // At a state and length, kPa.
   virtual ForcesOf<T> forces(const T* y, const T& length_um) const = 0;
   virtual bool holds_at(const T& length_um) const = 0;
+  virtual std::string beyond(double length_um) const = 0;  // why it does not
   const T& reference_length_um() const { return reference_length_um_; }
 
  protected:

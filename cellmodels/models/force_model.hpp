@@ -2,29 +2,25 @@
 //
 //  1. Write a struct with name, title, source (the paper) and time_unit = "s".
 //  2. List states, parameters, observables and inputs = facts::force_inputs with an enum for each and
-//  static_assert of
-//     well_formed and named_as. Mark in the parameters facts::reference_length and one Role::strength (it
-//     scales the tension and nothing else: a wall's own key); the observables hold facts::active_tension and
-//     facts::active_stiffness.
+//     static_assert of well_formed and named_as. Mark in the parameters facts::reference_length and one
+//     Role::strength (it scales the tension and nothing else: a wall's own key); the observables hold
+//     facts::active_tension and facts::active_stiffness.
 //  3. List parameter_sets, the first one with no changes; derive Constants<P> in constants(): numbers of P
-//  alone, among
-//     them the parameters as P p[...]; write evaluate().
-//  4. Split the step of a wall in two. regulate(h, y, calcium, length, constants, regulation) moves the first
-//  n_regulated
-//     states and says in Regulation<N> what they mean for the bridges; regulation(y, ...) says it at a state,
-//     with the derivatives of these states in its std::array derivative. cycle(h, y, regulation, v,
-//     v_detaching, constants) moves the others for a shortening velocity v = -(dSL/dt)/SL0; what decides how
-//     many bridges there are takes v_detaching, so that the tension is linear in v. Both give false where
-//     they cannot.
+//     alone, among them the parameters as P p[...]; write evaluate().
+//  4. Split the step of a wall in two. regulate(h, y, calcium, length, constants, regulation) moves the
+//     first n_regulated states and says in Regulation<N> what they mean for the bridges; regulation(y, ...)
+//     says it at a state, with the derivatives of these states in its std::array derivative. cycle(h, y,
+//     regulation, v, v_detaching, constants) moves the others for a shortening velocity v = -(dSL/dt)/SL0;
+//     what decides how many bridges there are takes v_detaching, so that the tension is linear in v. Both
+//     give false where they cannot.
 //  5. Write tension(y, length, constants) and stiffness(...) in kPa, holds_at(length, parameters) and
-//  beyond(length,
-//     parameters), which says why not.
+//     beyond(length, parameters), which says why not.
 //  6. Invariants, or no_invariants with the reason, as for an ionic model. spread(y), if there is one, is
-//  where the
-//     search for a steady state starts; normalise(y) takes out what schemes let drift.
+//     where the search for a steady state starts; normalise(y) takes out what schemes let drift.
 //
 // The rest follows: command, SIMD kernels, every form of stretch rate, reduced walls, TriSeg, tissue,
-// sensitivities, the monolithic heart, Python, and the tests that loop over all models.
+// sensitivities, the monolithic heart, Python, and the tests that loop over all models. `make reference`
+// writes the model's page.
 #pragma once
 
 #include <string>

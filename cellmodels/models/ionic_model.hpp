@@ -3,30 +3,29 @@
 //  1. Write a struct with name (how users call it), title, source (the paper), time_unit = "ms" and
 //     default_stimulus.
 //  2. List states, parameters, inputs = {facts::stimulus} and observables as std::arrays of Quantity, each
-//  with
-//     static_assert(well_formed(...)), and an enum for each but the observables with
+//     with static_assert(well_formed(...)), and an enum for each but the observables with
 //     static_assert(named_as<...>). Mark what a state is where it stands: facts::membrane_potential,
 //     facts::gate, facts::voltage_gate, marked(Role::calcium, ...) if the cell has calcium that drives a
 //     force model, marked(Role::stimulus_ion, ...) for the ion that carries the stimulus. The potential may
-//     stand anywhere.
+//     stand anywhere. Ranges are wide: facts::positive and facts::non_negative; a parameter bounded by
+//     sense is named in tests/models/right_hand_sides.cpp.
 //  3. List parameter_sets, the first one "default".
 //  4. Derive Constants<P> from the parameters in constants<P>(): plain numbers of P and nothing else.
 //  5. Write evaluate<N, P>(y, inputs, constants): for a gate its steady value and time constant, for any
-//  other
-//     state its derivative, and the observables. Use select(mask, a, b) for branches and the library's
-//     x_over_expm1 and the like for removable singularities; N is a double, a SIMD vector or a dual number.
-//  6. List invariants with invariant_values, invariant_slopes and keeps_invariants (crn.hpp shows a charge);
-//  or
-//     say in no_invariants why there are none.
-//  7. If you like: split evaluate in voltage_gates, voltage_factors (n_voltage_factors of them) and balances,
-//  so
-//     that tables can stand in for what depends on the potential alone (only then are there voltage gates);
-//     list branch_potentials where rates jump, ascending, hold them as P branch[...] in Constants and ask
-//     V < branch[k] (ttp06.hpp); name as SameEquations a model that differs by numbers alone,
-//     whose compiled kernels this one may share.
+//     other state its derivative, and the observables. Use select(mask, a, b) for branches and the
+//     library's x_over_expm1 and the like for removable singularities; N is a double, a SIMD vector or a
+//     dual number.
+//  6. List invariants with invariant_values, invariant_slopes and keeps_invariants (crn.hpp shows a
+//     charge); or say in no_invariants why there are none. keeps_invariants is asked of parameters.
+//  7. If you like: split evaluate in voltage_gates, voltage_factors (n_voltage_factors of them) and
+//     balances, so that tables can stand in for what depends on the potential alone (only then are there
+//     voltage gates); list branch_potentials where rates jump, ascending, hold them as P branch[...] in
+//     Constants and ask V < branch[k] (ttp06.hpp); name as SameEquations a model that differs by numbers
+//     alone, whose compiled kernels this one may share.
 //
 // The rest follows: command, all integrators, SIMD kernels, limit cycles, sensitivities, tissue, Python, and
-// the tests that loop over all models. aliev_panfilov.hpp is the smallest complete one.
+// the tests that loop over all models. `make reference` writes the model's page. aliev_panfilov.hpp is the
+// smallest complete one.
 #pragma once
 
 #include <algorithm>

@@ -10,7 +10,7 @@
 namespace wiggers {
 
 namespace {
-constexpr double saved_charge_tolerance = 1e-6;
+constexpr double saved_invariant_tolerance = 1e-6;
 
 std::string sentence(const Quantity& q, double value, const std::string& when) {
   return fmt::format(
@@ -53,6 +53,18 @@ std::string CellSense::finding() const {
   return finding_;
 }
 
+void require_invariants(const CellModel& model, const std::vector<double>& found,
+                        const std::vector<double>& wanted, bool charge_too, const std::string& place) {
+  for (std::size_t k = 0; k < wanted.size(); ++k) {
+    const Invariant& invariant = model.invariants[k];
+    if (invariant.is_charge && !charge_too) continue;
+    if (!(std::abs(found[k] - wanted[k]) <= saved_invariant_tolerance * std::max(1.0, std::abs(wanted[k]))))
+      throw InputError(fmt::format("{}: its conserved {} is {:.9g} {}, that of these cells is {:.9g} {}",
+                                   place, invariant.name, found[k], invariant.unit, wanted[k],
+                                   invariant.unit));
+  }
+}
+
 void require_saved_state(const CellModel& model, const std::vector<double>& parameters,
                          double charge_offset_mV, const std::vector<double>& state,
                          const std::string& place) {
@@ -64,12 +76,10 @@ void require_saved_state(const CellModel& model, const std::vector<double>& para
     check_range(wide, state[i], place);
   }
   if (!model.keeps_invariants(parameters.data())) return;
-  const std::vector<double> published = model.default_state();
-  const double wanted = model.charge(published.data(), parameters.data()) + charge_offset_mV;
-  const double found = model.charge(state.data(), parameters.data());
-  if (!(std::abs(found - wanted) <= saved_charge_tolerance * std::max(1.0, std::abs(wanted))))
-    throw InputError(fmt::format("{}: its conserved charge is {:.9g} mV, that of these cells is {:.9g} mV",
-                                 place, found, wanted));
+  std::vector<double> wanted = model.invariant_values(model.default_state().data(), parameters.data());
+  if (const int charge = model.charge_invariant(); charge >= 0)
+    wanted[static_cast<std::size_t>(charge)] += charge_offset_mV;
+  require_invariants(model, model.invariant_values(state.data(), parameters.data()), wanted, true, place);
 }
 
 void judge_cell(LimitCycleCertificate& certificate, const std::string& finding) {

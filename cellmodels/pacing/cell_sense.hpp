@@ -33,6 +33,11 @@ class CellSense {
   std::string finding_;
 };
 
+// Refuses values of a model's invariants, naming `place`, that are not the wanted ones; the charge only if it
+// counts.
+void require_invariants(const CellModel& model, const std::vector<double>& found,
+                        const std::vector<double>& wanted, bool charge_too, const std::string& place);
+
 // Refuses a saved state, naming `place`, that this model with these parameters never leaves on a cycle: one
 // outside its states' ranges (integrators overshoot them by a little), or of another conserved charge than
 // the published state's and `charge_offset_mV`.

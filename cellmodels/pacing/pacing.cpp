@@ -105,7 +105,9 @@ void PacedCell::check_range(double t, const double* state) const {
         model_.name, q.name, is_number ? fmt::format(" = {} {}", state[i], q.unit) : "", q.lower, q.upper,
         q.unit, is_number ? "" : " and is no number", t, integrator_.name,
         adaptive ? "" : fmt::format(", dt {} ms", integrator_.dt_ms),
-        adaptive ? "a smaller rtol" : "a smaller step, or integrator rush-larsen or cvode",
+        adaptive                            ? "a smaller rtol"
+        : integrator_.name == "rush-larsen" ? "a smaller step, or integrator cvode"
+                                            : "a smaller step, or integrator rush-larsen or cvode",
         pulse.amplitude_A_per_F, pulse.duration_ms));
   }
 }
@@ -230,6 +232,7 @@ void PacedCell::beat_at(std::vector<double>& state, const std::vector<double>& t
           sampler(begin + inside[k], y, inputs[0]);
         });
       } catch (const NumericalFailure& failure) {
+        if (std::string_view(failure.what()).starts_with(model_.name)) throw;  // says where already
         throw NumericalFailure(
             fmt::format("{}: {} (in the span from {} ms of the beat)", model_.name, failure.what(), begin));
       }

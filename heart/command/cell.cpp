@@ -116,6 +116,11 @@ std::vector<double> read_state(const CellModel& model, const std::vector<double>
     check_range(wide, value, path);
     y.push_back(value);
   }
+  // A state of another charge leads to another cycle; other sums (of a Markov chain) have no meaning. Bounds
+  // may have been overshot by what is allowed above.
+  if (model.keeps_invariants(parameters.data()))
+    require_invariants(model, model.invariant_values(y.data(), parameters.data()),
+                       model.invariant_values(model.default_state().data(), parameters.data()), false, path);
   return y;
 }
 

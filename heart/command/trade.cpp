@@ -18,7 +18,7 @@ namespace wiggers::command {
 namespace {
 
 struct Options {
-  std::string subject, parameters, output;
+  std::string subject, parameters, model, output;
   std::vector<std::string> set, tolerances;
   bool quiet = false;
 };
@@ -97,13 +97,19 @@ void add_trade(CLI::App& app) {
     CLI::App* verb =
         common(trade->add_subcommand("force", "Schemes, steps and sub-steps of a force model"), o);
     verb->add_option("parameters", o->subject, "parameter set of a force model [fedele2023-ventricles]");
+    verb->add_option("--model", o->model, "force model [the one that has the set]");
     verb->callback([o] {
       const CellModel* model = nullptr;
       std::vector<std::string> known;
       for (const CellModel* candidate : force_models())
         for (const ParameterSet& set : candidate->parameter_sets) {
+          if (!o->model.empty() && candidate->name != o->model) continue;
           known.emplace_back(set.name);
-          if (set.name == o->subject) model = candidate;
+          if (set.name != o->subject) continue;
+          if (model)
+            throw InputError(fmt::format("{} and {} both have a set '{}': give --model", model->name,
+                                         candidate->name, o->subject));
+          model = candidate;
         }
       if (!model) refuse_unknown("parameter set of a force model", o->subject, known);
       Progress progress = progress_of(*o, "trade force");

@@ -1,20 +1,20 @@
 // How to add a kind of wall: one file of its own, and one line in wall_kinds.cpp.
 //
 //  1. Write the wall (heart/walls/wall.hpp says what it answers), for numbers T: plain, or dual with
-//  sensitivities.
+//     sensitivities.
 //  2. Write its numbers, template <class T> struct XNumbers:
 //       for_each(self, plan, visit)    visit(key, quantity, field, present) for every number that indexes
-//       depend on, by its
-//                                      key below walls.NAME; present: whether the scene has the term at all
+//                                      depend on, by its key below walls.NAME; present: whether the scene has
+//                                      the term at all
 //       make(plan, site)               the wall of these numbers
 //       activation_key(plan, chamber)  the number that is the chamber's onset of contraction; empty: none
 //     and give plan.recipe = std::make_shared<RecipeOf<XNumbers>>(numbers). A wall without derivatives or
 //     numbers that change writes a WallRecipe itself.
 //  3. Write read(table, scene, plan), which fills plan.fibres and plan.recipe from the wall's table, and
-//  declare
-//     `WallKind x_wall_kind();`: name, the places in [walls] it may take (wall_places()), read.
+//     declare `WallKind x_wall_kind();`: name, the places in [walls] it may take (wall_places()), read.
 //
 // Scene, run, study, sensitivities, calibration, Python and report then know it.
+// tests/models/own_wall_kind.cpp follows this.
 #pragma once
 
 #include <functional>

@@ -33,26 +33,25 @@ void ActiveFibreOf<T>::begin_step(const T& t, const T& dt) {
   if (!settings_.active) return;
   const T length = force_->reference_length_um() * stretch_;
   if (!force_->holds_at(length))
-    throw NumericalFailure(
-        fmt::format("{}: a sarcomere length of {:.4g} um is beyond what {} describes: the wall is stretched "
-                    "too far. Check "
-                    "volumes and stiffness of this wall.",
-                    place_, value_of(length), model_.name));
+    throw NumericalFailure(fmt::format(
+        "{}: a sarcomere length of {:.4g} um is beyond what {} describes: {}. Check this wall's volumes, "
+        "its stiffness and the force model's parameters.",
+        place_, value_of(length), model_.name, force_->beyond(value_of(length))));
   const T calcium = cell_->calcium_uM();
   const bool midpoint = settings_.scheme.regulation == RegulationScheme::midpoint;
   const T driving = !midpoint || calcium_before_ < 0.0 ? calcium : T(0.5 * (calcium_before_ + calcium));
   calcium_before_ = calcium;
   const T velocity_before = -(stretch_ - stretch_before_) / (dt_before_ > 0.0 ? dt_before_ : dt);
-  const char* remedy = midpoint ? "dt_s" : "regulatory_substep_us";
+  const char* remedy = midpoint
+                           ? "a smaller dt_s"
+                           : "a smaller regulatory_substep_us, or solver.regulation = \"frozen-midpoint\"";
   if (!force_->begin(settings_.scheme, dt, bridges_.data(), driving, length, velocity_before, forces_))
-    throw NumericalFailure(
-        fmt::format("{}: rates of {} at calcium {} uM are beyond a step of {} s; try a smaller {}.", place_,
-                    model_.name, value_of(driving), value_of(dt), remedy));
+    throw NumericalFailure(fmt::format("{}: rates of {} at calcium {} uM are beyond a step of {} s; try {}.",
+                                       place_, model_.name, value_of(driving), value_of(dt), remedy));
   for (std::size_t i = 0; i < bridges_.size(); ++i)
     if (const Quantity& q = model_.states[i]; !(bridges_[i] > q.lower - 1e-6 && bridges_[i] < q.upper + 1e-6))
-      throw NumericalFailure(fmt::format("{}: state {} = {} of {} left [{}, {}]; try a smaller {}.", place_,
-                                         q.name, value_of(bridges_[i]), model_.name, q.lower, q.upper,
-                                         remedy));
+      throw NumericalFailure(fmt::format("{}: state {} = {} of {} left [{}, {}]; try {}.", place_, q.name,
+                                         value_of(bridges_[i]), model_.name, q.lower, q.upper, remedy));
   if (settings_.subtract_rest_tension) {
     const T above = forces_.tension_kPa - force_->forces(rest_.data(), length).tension_kPa;
     forces_.tension_kPa = select(above > 0.0, above, T(0.0));
