@@ -1,8 +1,8 @@
 // A wall of 3D tissue: electrophysiology, active force and mechanics behind the seam that all walls share.
 //
 // One step of mechanics, in the founding paper's order: sub-steps of ionic cells and monodomain with the
-// deformation frozen; the force model at the vertices with the new calcium; Newton for displacement and pressures,
-// driven by heart's driver through linearise() and update(); then the deformed conductivities.
+// deformation frozen; the force model at the vertices with the new calcium; Newton for displacement and
+// pressures, driven by heart's driver through linearise() and update(); then the deformed conductivities.
 //
 // Under MPI every rank runs the same driver; all calls here are collective.
 #pragma once
