@@ -141,10 +141,7 @@ class CellModelOf final : public CellModel {
   void normalise([[maybe_unused]] double* y) const override {
     if constexpr (requires { Model::normalise(y); }) Model::normalise(y);
   }
-  bool keeps_invariants(const double* p) const override {
-    if constexpr (HasInvariants<Model>) return Model::keeps_invariants(p);
-    return true;
-  }
+  bool keeps_invariants(const double* p) const override { return wiggers::keeps_invariants<Model>(p); }
   std::vector<double> invariant_values(const double* y, const double* p) const override {
     if constexpr (HasInvariants<Model>) {
       const auto values = Model::invariant_values(y, Model::constants(p));

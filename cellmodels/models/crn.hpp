@@ -370,10 +370,6 @@ struct Crn {
 
   // The charge is kept exactly, with and without stimulus, if K+ carries the stimulus.
   static constexpr std::array invariants = {membrane_charge(K_i)};
-  template <class P>
-  static bool keeps_invariants(const P* parameter) {
-    return parameter[stimulus_K_fraction] == 1.0;
-  }
   template <class N, class P>
   static std::array<N, 1> invariant_values(const N* y, const Constants<P>& c) {
     const auto& p = c.p;

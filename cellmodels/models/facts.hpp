@@ -32,12 +32,13 @@ constexpr Quantity free_calcium(std::string_view name, double start, std::string
 constexpr Quantity stored_calcium(std::string_view name, double start, std::string_view meaning) {
   return {name, "mM", start, 1e-9, 100, meaning};
 }
-// What a living cell's beat keeps to, whatever ails it: narrower than the ranges above, by the state's name.
+// What a living cell's beat keeps to, whatever ails it: narrower than the ranges above; by the state's role,
+// the other ions by their names.
 inline constexpr std::array living = {
-    Quantity{"V", "mV", -80, -150, 100, "membrane potential"},
+    Quantity{"V", "mV", -80, -150, 100, "membrane potential", Role::potential},
     Quantity{"Na_i", "mM", 10, 0.5, 100, "intracellular sodium"},
     Quantity{"K_i", "mM", 140, 10, 250, "intracellular potassium"},
-    Quantity{"Ca_i", "uM", 0.1, 1e-5, 50, "free cytosolic calcium"},
+    Quantity{"Ca_i", "uM", 0.1, 1e-5, 50, "free cytosolic calcium", Role::calcium},
 };
 // The lowest of a beat: above, nothing relaxes any more.
 inline constexpr Quantity living_diastolic_calcium{"Ca_i", "uM", 0.1, 1e-5, 10, "diastolic calcium"};

@@ -86,8 +86,7 @@ consteval bool require_force_model() {
       "std::array of n_regulated");
   static_assert(GivesForce<Model>, "a force model gives tension and stiffness, holds_at and beyond");
   static_assert(HasInvariants<Model> || SaysWhyNoInvariants<Model>,
-                "a force model lists invariants with invariant_values, invariant_slopes and "
-                "keeps_invariants, or says in "
+                "a force model lists invariants with invariant_values and invariant_slopes, or says in "
                 "no_invariants why it has none");
   return ForceModel<Model>;
 }

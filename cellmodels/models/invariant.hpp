@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <string_view>
+#include <wiggers/core/quantity.hpp>
 
 namespace wiggers {
 
@@ -15,6 +16,15 @@ struct Invariant {
 
 constexpr Invariant membrane_charge(int balance) {
   return {"charge", "mV", "membrane charge minus the ions' charge, over capacitance", balance, true};
+}
+
+// Whether a model with these parameters keeps its invariants: it does not where a part of the stimulus is
+// carried by no ion.
+template <class Model>
+bool keeps_invariants(const double* parameters) {
+  for (std::size_t k = 0; k < Model::parameters.size(); ++k)
+    if (Model::parameters[k].role == Role::stimulus_share && parameters[k] != 1.0) return false;
+  return true;
 }
 
 // Moves the balancing states of a model so that its invariants have the given values.

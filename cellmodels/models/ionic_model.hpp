@@ -15,8 +15,9 @@
 //     other state its derivative, and the observables. Use select(mask, a, b) for branches and the
 //     library's x_over_expm1 and the like for removable singularities; N is a double, a SIMD vector or a
 //     dual number.
-//  6. List invariants with invariant_values, invariant_slopes and keeps_invariants (crn.hpp shows a
-//     charge); or say in no_invariants why there are none. keeps_invariants is asked of parameters.
+//  6. List invariants with invariant_values and invariant_slopes (crn.hpp shows a charge); or say in
+//     no_invariants why there are none. A parameter that is the share of the stimulus an ion carries is
+//     facts::stimulus_K_fraction: where it is not 1 the charge is not kept.
 //  7. If you like: split evaluate in voltage_gates, voltage_factors (n_voltage_factors of them) and
 //     balances, so that tables can stand in for what depends on the potential alone (only then are there
 //     voltage gates); list branch_potentials where rates jump, ascending, hold them as P branch[...] in
@@ -68,7 +69,6 @@ concept CanEvaluate = requires(const double* y, const typename Model::template C
 template <class Model>
 concept HasInvariants = requires(const double* y,
                                  const typename Model::template Constants<double>& constants) {
-  { Model::keeps_invariants(y) } -> std::same_as<bool>;
   requires Model::invariants.size() > 0;
   Model::invariant_values(y, constants)[Model::invariants.size() - 1];
   Model::invariant_slopes(constants)[Model::invariants.size() - 1];
@@ -105,10 +105,9 @@ consteval bool require_ionic_model() {
   static_assert(HasConstants<Model>,
                 "an ionic model derives Constants<P>, plain numbers of P alone, in constants(parameters)");
   static_assert(CanEvaluate<Model>, "an ionic model evaluates: evaluate<N>(y, inputs, constants)");
-  static_assert(
-      HasInvariants<Model> || SaysWhyNoInvariants<Model>,
-      "an ionic model lists invariants with invariant_values, invariant_slopes and keeps_invariants, or says "
-      "in no_invariants why it has none");
+  static_assert(HasInvariants<Model> || SaysWhyNoInvariants<Model>,
+                "an ionic model lists invariants with invariant_values and invariant_slopes, or says "
+                "in no_invariants why it has none");
   static_assert(
       InParts<Model> || std::ranges::none_of(is_voltage_gate<Model>, [](bool is) { return is; }),
       "voltage gates need voltage_gates, voltage_factors and balances; mark other gates as facts::gate");

@@ -442,10 +442,6 @@ struct Rdq20 {
 
   static constexpr std::array invariants = {
       Invariant{"probability", "1", "sum of the triplets' probabilities", 0}};
-  template <class Pn>
-  static bool keeps_invariants(const Pn*) {
-    return true;
-  }
   template <class N, class Pn>
   static std::array<N, 1> invariant_values(const N* y, const Constants<Pn>&) {
     N sum(0.0);

@@ -22,8 +22,9 @@ std::string sentence(const Quantity& q, double value, const std::string& when) {
 
 CellSense::CellSense(const CellModel& model) : model_(model) {
   for (std::size_t i = 0; i < model.states.size(); ++i) {
-    const auto found = std::find_if(facts::living.begin(), facts::living.end(),
-                                    [&](const Quantity& q) { return q.name == model.states[i].name; });
+    const auto found = std::find_if(facts::living.begin(), facts::living.end(), [&](const Quantity& q) {
+      return q.role == Role::none ? q.name == model.states[i].name : q.role == model.states[i].role;
+    });
     if (found == facts::living.end()) continue;
     watched_.push_back({static_cast<int>(i), *found,
                         found->unit == "uM" && model.states[i].unit == "mM" ? units::uM_per_mM : 1});

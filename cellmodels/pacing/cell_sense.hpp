@@ -39,8 +39,8 @@ void require_invariants(const CellModel& model, const std::vector<double>& found
                         const std::vector<double>& wanted, bool charge_too, const std::string& place);
 
 // Refuses a saved state, naming `place`, that this model with these parameters never leaves on a cycle: one
-// outside its states' ranges (integrators overshoot them by a little), or of another conserved charge than
-// the published state's and `charge_offset_mV`.
+// outside its states' ranges (integrators overshoot them by a little), or of other invariants than the
+// published state's, the charge `charge_offset_mV` above it.
 void require_saved_state(const CellModel& model, const std::vector<double>& parameters,
                          double charge_offset_mV, const std::vector<double>& state, const std::string& place);
 
