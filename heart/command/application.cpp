@@ -5,7 +5,7 @@
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/progress.hpp>
 #include <wiggers/heart/run/summary.hpp>
-#include <wiggers/heart/walls/tissue_kind.hpp>
+#include <wiggers/heart/scene/tissue_services.hpp>
 
 #include "verbs.hpp"
 

@@ -10,7 +10,7 @@
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/result_file.hpp>
 #include <wiggers/heart/run/summary.hpp>
-#include <wiggers/heart/walls/tissue_kind.hpp>
+#include <wiggers/heart/scene/tissue_services.hpp>
 
 #include "report_program.hpp"
 #include "tissue_program.hpp"
@@ -64,10 +64,10 @@ Finding check_files() {
 }
 
 // The 3D tissue is in the command that is running, or in the wiggers-3d that it hands over to, or nowhere.
-bool has_tissue() { return tissue_kind().check || std::filesystem::exists(tissue_program()); }
+bool has_tissue() { return tissue_services().check || std::filesystem::exists(tissue_program()); }
 
 std::string check_tissue() {
-  if (tissue_kind().check) return tissue_kind().check();
+  if (tissue_services().check) return tissue_services().check();
   const std::string program = tissue_program().string();
   const auto ask = [&](std::vector<std::string> words) {
     words.insert(words.begin(), program);

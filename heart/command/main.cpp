@@ -9,7 +9,7 @@
 #include <cstdlib>
 #include <string_view>
 #include <wiggers/core/files.hpp>
-#include <wiggers/heart/walls/tissue_kind.hpp>
+#include <wiggers/heart/scene/tissue_services.hpp>
 
 #include "application.hpp"
 #include "tissue_program.hpp"

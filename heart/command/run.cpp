@@ -8,8 +8,8 @@
 #include <wiggers/heart/run/run.hpp>
 #include <wiggers/heart/run/summary.hpp>
 #include <wiggers/heart/scene/accuracy.hpp>
+#include <wiggers/heart/scene/tissue_services.hpp>
 #include <wiggers/heart/scene/wall_kind.hpp>
-#include <wiggers/heart/walls/tissue_kind.hpp>
 
 #include "shared.hpp"
 #include "verbs.hpp"
@@ -69,8 +69,8 @@ void run_body(const Scene& scene, const Options& o) {
   if (!request.result && request.resume) request.result = request.resume;
   if (request.result) require_result_writable(scene, *request.result);
   request.quiet = o.quiet;
-  tissue_kind().quiet = o.quiet;
-  const BodyOutcome outcome = tissue_kind().run_body(scene, request);
+  tissue_services().quiet = o.quiet;
+  const BodyOutcome outcome = tissue_services().run_body(scene, request);
   for (const std::string& warning : scene.warnings) fmt::print("note: {}\n", warning);
   fmt::print("{}\n\n{}", scene.title, outcome.text);
   if (request.result)

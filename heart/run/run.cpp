@@ -16,8 +16,8 @@
 #include <wiggers/heart/run/rate_warnings.hpp>
 #include <wiggers/heart/run/run.hpp>
 #include <wiggers/heart/run/summary.hpp>
+#include <wiggers/heart/scene/tissue_services.hpp>
 #include <wiggers/heart/scene/wall_kind.hpp>
-#include <wiggers/heart/walls/tissue_kind.hpp>
 
 namespace wiggers {
 
@@ -53,7 +53,7 @@ HeartRun::HeartRun(Scene scene) : scene_(std::move(scene)) {
 
 void HeartRun::prepare(Progress::Style style) {
   const auto begin = Clock::now();
-  tissue_kind().quiet = style == Progress::Style::quiet;
+  tissue_services().quiet = style == Progress::Style::quiet;
   cells_ = pace_cells(scene_, style);
   build();
   driver_->start(scene_.initial);
@@ -234,7 +234,7 @@ void HeartRun::advance(Progress::Style style, const std::optional<std::filesyste
   };
   const auto stop_if_asked = [&](double beats_done) {
     // Several ranks stop together, or not at all.
-    bool stop = tissue_kind().any_rank(interrupt_requested());
+    bool stop = tissue_services().any_rank(interrupt_requested());
     try {
       progress.update(
           scene_.until_limit_cycle ? -1.0 : beats_done / scene_.beats,
@@ -389,7 +389,7 @@ void HeartRun::collect_wall_figures() {
 
 void HeartRun::write(const std::filesystem::path& path, const std::vector<double>& driver_state) const {
   // One rank writes; if it fails, all know.
-  tissue_kind().on_first_rank([&] { write_file(path, driver_state); });
+  tissue_services().on_first_rank([&] { write_file(path, driver_state); });
 }
 
 void HeartRun::write_file(const std::filesystem::path& path, const std::vector<double>& driver_state) const {

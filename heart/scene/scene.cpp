@@ -7,8 +7,8 @@
 #include <wiggers/heart/indexes/indexes.hpp>
 #include <wiggers/heart/scene/scene.hpp>
 #include <wiggers/heart/scene/scene_keys.hpp>
+#include <wiggers/heart/scene/tissue_services.hpp>
 #include <wiggers/heart/scene/wall_kind.hpp>
-#include <wiggers/heart/walls/tissue_kind.hpp>
 
 namespace wiggers {
 
@@ -266,7 +266,7 @@ void read_body(SettingsReader& reader, Scene& scene) {
           fmt::format("{}: a scene has either a [body] of tissue alone or walls in the closed loop, not both",
                       reader.place(other)));
   SettingsReader& table = reader.table("body");
-  if (!tissue_kind().run_body) throw TissueNeeded(reader.place("body"));
+  if (!tissue_services().run_body) throw TissueNeeded(reader.place("body"));
   const std::vector<std::string> kinds = {"electrophysiology", "mechanics"};
   if (!table.has("physics"))
     throw InputError(

@@ -7,8 +7,8 @@
 #include <wiggers/heart/scene/kind_elastance.hpp>
 #include <wiggers/heart/scene/kind_reduced.hpp>
 #include <wiggers/heart/scene/kind_triseg.hpp>
+#include <wiggers/heart/scene/tissue_services.hpp>
 #include <wiggers/heart/scene/wall_kind.hpp>
-#include <wiggers/heart/walls/tissue_kind.hpp>
 
 namespace wiggers {
 

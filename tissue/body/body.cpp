@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
+#include <wiggers/heart/scene/tissue_services.hpp>
 #include <wiggers/heart/walls/cell_source.hpp>
-#include <wiggers/heart/walls/tissue_kind.hpp>
 #include <wiggers/tissue/body/body.hpp>
 #include <wiggers/tissue/mesh/check.hpp>
 #include <wiggers/tissue/mesh/make.hpp>
@@ -61,7 +61,7 @@ std::shared_ptr<const TetMesh> make_mesh(const TissuePlan& plan, const std::vect
     for (int chamber : chambers) closed.push_back(endocardium_of(chamber));
     const std::string& name = plan.mesh_file.empty() ? place : plan.mesh_file;
     for (const std::string& warning : require_sound(*mesh, closed, name)) notes.push_back(warning);
-    if (tissue_kind().quiet) return;
+    if (tissue_services().quiet) return;
     for (const std::string& note : notes) fmt::print("note: {}: {}\n", name, note);
   });
   broadcast_mesh(*mesh, communicator);
@@ -76,14 +76,15 @@ void say_of_locking(const TissuePlan& plan, const std::string& place, MPI_Comm c
   int rank = 0;
   MPI_Comm_rank(communicator, &rank);
   const std::string warning = locking_warning(plan.mechanics);
-  if (!warning.empty() && !tissue_kind().quiet && rank == 0) fmt::print("warning: {}: {}\n", place, warning);
+  if (!warning.empty() && !tissue_services().quiet && rank == 0)
+    fmt::print("warning: {}: {}\n", place, warning);
 }
 
 void say_of_fibres(const TissuePlan& plan, const TetMesh& mesh, const FibreField& fibres,
                    const std::string& place, MPI_Comm communicator) {
   int rank = 0;
   MPI_Comm_rank(communicator, &rank);
-  if (!plan.fibres_from_file || tissue_kind().quiet || rank != 0) return;
+  if (!plan.fibres_from_file || tissue_services().quiet || rank != 0) return;
   if (const AmbiguousTurns turns = ambiguous_turns(mesh, fibres); turns.cells > 0)
     fmt::print("ERROR: {}: {}\n", place, turns_text(mesh, turns));
 }

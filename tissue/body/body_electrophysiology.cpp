@@ -98,7 +98,7 @@ struct ElectrophysiologyRun {
 
   void open_fields(bool resumed) {
     if (!with_fields()) return;
-    tissue_kind().on_first_rank([&] {
+    tissue_services().on_first_rank([&] {
       series = std::make_unique<FieldSeries>(series_beside(*request.result, "body"), *mesh,
                                              resumed ? std::optional<double>(time_s - 1e-6) : std::nullopt);
     });
@@ -115,7 +115,7 @@ struct ElectrophysiologyRun {
     const auto potential = partition->gather_at_vertices(nodes, monodomain->potential_mV(), 1, 0);
     const auto calcium_at = partition->gather_at_vertices(nodes, calcium.data(), 1, 0);
     const auto activation = activation_at_vertices();
-    tissue_kind().on_first_rank([&] {
+    tissue_services().on_first_rank([&] {
       series->write(
           time_s,
           {{"potential_mV", 1, potential}, {"activation_s", 1, activation}, {"calcium_uM", 1, calcium_at}});
@@ -165,7 +165,7 @@ struct ElectrophysiologyRun {
     if (request.result) {
       const auto at = activation_at_vertices();
       const auto text = summary().dump();
-      tissue_kind().on_first_rank([&] {
+      tissue_services().on_first_rank([&] {
         ResultWriter file;
         write_provenance(file, scene.title, scene.text, complete, start_s + run_s);
         file.dataset("/time", rows.columns[0].values, "s", "time");

@@ -178,7 +178,7 @@ struct MechanicsRun {
 
   void open_fields(bool resumed) {
     if (!with_fields()) return;
-    tissue_kind().on_first_rank([&] {
+    tissue_services().on_first_rank([&] {
       series = std::make_unique<FieldSeries>(series_beside(*request.result, "body"), *mesh,
                                              resumed ? std::optional<double>(share + 1e-9) : std::nullopt);
     });
@@ -204,7 +204,7 @@ struct MechanicsRun {
     std::vector<double> stretch(mesh->points.size(), 1.0);
     for (std::size_t k = 0; k < stretch.size(); ++k)
       if (weighted[2 * k + 1] > 0) stretch[k] = weighted[2 * k] / weighted[2 * k + 1];
-    tissue_kind().on_first_rank([&] {
+    tissue_services().on_first_rank([&] {
       series->write(share, {{"displacement_m", 3, displacement}, {"fibre_stretch", 1, stretch}});
     });
   }
@@ -230,7 +230,7 @@ struct MechanicsRun {
     const auto displacement = partition->gather(mechanics->nodes(), mechanics->displacement().data(), 3);
     std::vector<double> points;
     for (const Point3& p : mesh->points) points.insert(points.end(), p.begin(), p.end());
-    tissue_kind().on_first_rank([&] {
+    tissue_services().on_first_rank([&] {
       ResultWriter file;
       write_provenance(file, scene.title, scene.text, complete, start_s + run_s);
       for (const Column& column : rows.columns)

@@ -4,7 +4,7 @@
 // Results are written as those of the heart: whole at any moment, resumed from on any number of ranks.
 #pragma once
 
-#include <wiggers/heart/walls/tissue_kind.hpp>
+#include <wiggers/heart/scene/tissue_services.hpp>
 #include <wiggers/tissue/body/plan.hpp>
 
 namespace wiggers {

@@ -1,5 +1,5 @@
+#include <wiggers/heart/scene/tissue_services.hpp>
 #include <wiggers/heart/scene/wall_kind.hpp>
-#include <wiggers/heart/walls/tissue_kind.hpp>
 #include <wiggers/tissue/body/body_run.hpp>
 #include <wiggers/tissue/body/plan.hpp>
 #include <wiggers/tissue/body/register.hpp>
@@ -11,20 +11,20 @@ namespace wiggers {
 
 void register_tissue() {
   register_wall_kind(tissue_wall_kind());
-  TissueKind& kind = tissue_kind();
-  kind.run_body = [](const Scene& scene, const BodyRequest& request) {
+  TissueServices& services = tissue_services();
+  services.run_body = [](const Scene& scene, const BodyRequest& request) {
     return scene.physics == Physics::mechanics ? run_body_mechanics(scene, request, MPI_COMM_WORLD)
                                                : run_body_electrophysiology(scene, request, MPI_COMM_WORLD);
   };
-  kind.check = check_tissue;
-  kind.on_first_rank = [](const std::function<void()>& work) {
+  services.check = check_tissue;
+  services.on_first_rank = [](const std::function<void()>& work) {
     collectively(MPI_COMM_WORLD, [&] {
       int rank = 0;
       MPI_Comm_rank(MPI_COMM_WORLD, &rank);
       if (rank == 0) work();
     });
   };
-  kind.any_rank = [](bool value) {
+  services.any_rank = [](bool value) {
     int mine = value, any = 0;
     MPI_Allreduce(&mine, &any, 1, MPI_INT, MPI_MAX, MPI_COMM_WORLD);
     return any != 0;

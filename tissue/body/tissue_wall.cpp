@@ -8,7 +8,7 @@
 #include <wiggers/core/progress.hpp>
 #include <wiggers/core/stopwatch.hpp>
 #include <wiggers/core/units.hpp>
-#include <wiggers/heart/walls/tissue_kind.hpp>
+#include <wiggers/heart/scene/tissue_services.hpp>
 #include <wiggers/tissue/body/body.hpp>
 #include <wiggers/tissue/body/field_file.hpp>
 #include <wiggers/tissue/body/tissue_wall.hpp>
@@ -93,7 +93,7 @@ struct TissueWall::Implementation {
     return of_cavities;
   }
   Progress::Style progress_style() const {
-    return first_rank && !tissue_kind().quiet ? Progress::Style::automatic : Progress::Style::quiet;
+    return first_rank && !tissue_services().quiet ? Progress::Style::automatic : Progress::Style::quiet;
   }
 
   void set_up(std::shared_ptr<const TetMesh> unloaded) {

@@ -32,7 +32,7 @@ struct BodyOutcome {
   std::string json;  // one line
 };
 
-struct TissueKind {
+struct TissueServices {
   // Runs a scene's body of tissue alone.
   std::function<BodyOutcome(const Scene& scene, const BodyRequest& request)> run_body;
   // Solves a small problem whose answer is known; says what was found, throws where it is wrong.
@@ -45,6 +45,6 @@ struct TissueKind {
 };
 
 // `run_body` and `check` are empty where no tissue is linked.
-TissueKind& tissue_kind();
+TissueServices& tissue_services();
 
 }  // namespace wiggers
