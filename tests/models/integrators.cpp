@@ -223,3 +223,18 @@ TEST_CASE("a start on the branch potential itself goes either way") {
         CHECK(run(integrator, 1e-7) == Approx(run("cvode", 1e-10)).margin(0.01));
       }
 }
+
+TEST_CASE("a failure names its model once") {
+  const CellModel& model = find_model("crn");
+  PacedCell cell(model, model.parameter_values("default"), {1000, {-1000, 20, 0}}, {"cvode", 1e-8, 1e-10, 0});
+  std::vector<double> state = model.default_state();
+  std::string text;
+  try {
+    cell.beat(state, 0.1, [](double, const double*, double) {});
+  } catch (const NumericalFailure& failure) {
+    text = failure.what();
+  }
+  INFO(text);
+  CHECK(text.starts_with("crn: "));
+  CHECK(text.find("crn: ", 1) == std::string::npos);
+}

@@ -9,6 +9,7 @@
 #include <wiggers/cellmodels/catalogue/catalogue.hpp>
 #include <wiggers/cellmodels/models/force_models.hpp>
 #include <wiggers/cellmodels/models/ionic_models.hpp>
+#include <wiggers/cellmodels/pacing/cell_sense.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
 
@@ -204,6 +205,20 @@ TEST_CASE("invariants are exact, with and without stimulus") {
   IonicModels::each(check_if_any);
   ForceModels::each(check_if_any);
   CHECK(n_models >= 5);
+}
+
+TEST_CASE("a state of other sums than its model keeps is refused, of another charge only where that counts") {
+  const CellModel& force = find_model("rdq20");
+  CHECK_THROWS_WITH(require_invariants(force, {1.7}, {1}, false, "there"),
+                    Catch::Contains("there: its conserved probability"));
+  CHECK_NOTHROW(require_invariants(force, {1 + 1e-9}, {1}, true, "there"));
+  const CellModel& cell = find_model("crn");
+  CHECK_NOTHROW(require_invariants(cell, {2e6}, {1e6}, false, "there"));
+  CHECK_THROWS_WITH(require_invariants(cell, {2e6}, {1e6}, true, "there"), Catch::Contains("charge"));
+  // Where no ion carries the stimulus the charge is not kept.
+  CHECK(cell.keeps_invariants(cell.parameter_values("default").data()));
+  CHECK_FALSE(cell.keeps_invariants(cell.parameter_values("stimulus-uncarried").data()));
+  CHECK(force.keeps_invariants(force.parameter_values("human37").data()));
 }
 
 TEST_CASE("right-hand sides are finite at every corner of the state space") {

@@ -302,6 +302,14 @@ def test_trade_of_a_cell_without_tables(wiggers, tmp_path):
     assert any("batch" in row["method"] for row in rows) and not any("tables" in row["setting"] for row in rows)
 
 
+def test_trade_of_a_force_model_is_found_by_its_set(wiggers):
+    wrong = wiggers("trade", "force", "intact", "--model", "rdq20")
+    assert wrong.status == 2 and "human37" in wrong.err and "skinned" not in wrong.err
+    assert wiggers("trade", "force", "no-such-set").status == 2
+    right = wiggers("trade", "force", "skinned", "--quiet")
+    assert right.status == 0 and "land2017, skinned" in right.out
+
+
 def test_trade_writes_table_picture_and_recommendation(wiggers, tmp_path):
     outcome = wiggers("trade", "loop", "--quiet", "--tolerance", "pressure=0.01mmHg", "-o", "study")
     assert outcome.status == 0
