@@ -50,7 +50,7 @@ double distance(const CellModel& model, const std::vector<double>& a, const std:
 }  // namespace
 
 namespace {
-// The potential rises at a speed that jumps at two potentials: what becomes of it is known.
+// The potential rises, or falls, at a speed that jumps at two potentials: what becomes of it is known.
 struct Stairs {
   static constexpr std::string_view name = "stairs", title = "a test", source = "none", time_unit = "ms";
   static constexpr StimulusPulse default_stimulus{};
@@ -58,7 +58,8 @@ struct Stairs {
   static constexpr std::array states = {Quantity{"ticks", "1", 0, -1e9, 1e9, "time"},
                                         facts::membrane_potential(-80)};
   static_assert(named_as<State>(states));
-  static constexpr std::array parameters = {Quantity{"speed", "mV/ms", 2, 0, 10, "below the first"}};
+  static constexpr std::array parameters = {Quantity{"speed", "mV/ms", 2, 0, 10, "below the first"},
+                                            Quantity{"direction", "1", 1, -1, 1, "1: rises, -1: falls"}};
   static constexpr std::array inputs = {facts::stimulus};
   static constexpr std::array observables = {facts::output("rise", "mV/ms", "speed of the potential")};
   static constexpr std::array parameter_sets = {ParameterSet{"default", "none", "1"}};
@@ -66,18 +67,18 @@ struct Stairs {
   static constexpr std::string_view no_invariants = "a test";
   template <class P>
   struct Constants {
-    P speed;
+    P speed, direction;
     P branch[2];
   };
   template <class P>
   static Constants<P> constants(const P* p) {
-    return {p[0], {P(branch_potentials[0]), P(branch_potentials[1])}};
+    return {p[0], p[1], {P(branch_potentials[0]), P(branch_potentials[1])}};
   }
   template <class N, class P>
   static Evaluation<N, 2, 1> evaluate(const N* y, const N*, const Constants<P>& c) {
     Evaluation<N, 2, 1> e;
     const N above = select(y[V] < c.branch[1], N(10.0), N(5.0));
-    e.derivative[V] = select(y[V] < c.branch[0], N(c.speed), above);
+    e.derivative[V] = c.direction * select(y[V] < c.branch[0], N(c.speed), above);
     e.derivative[ticks] = 1.0;
     e.observable = {e.derivative[V]};
     return e;
@@ -87,22 +88,30 @@ static_assert(require_ionic_model<Stairs>());
 }  // namespace
 
 TEST_CASE("rates that jump at several potentials are kept to their intervals") {
-  const std::vector<double> parameters = {2};
-  // 15 ms to -50 mV, 3 ms to -20 mV, 2 ms more.
-  const double none[1] = {0};
-  double y[2] = {0, -80};
-  Rosenbrock4<Stairs>(Stairs::constants(parameters.data()), 1e-8, {1e-10, 1e-10}).advance(20, y, none);
-  CHECK(y[Stairs::V] == Approx(-10).margin(1e-7));
+  // Below the first branch at `speed`, between them at 10 mV/ms, above at 5. A beat is one step; how far its end
+  // moves with the speed is by when the branches are crossed.
+  struct Way {
+    double speed, direction, start, end, end_by_speed;
+  };
+  const auto way = GENERATE(Way{2, 1, -80, -10, 5 * 30 / 4.0},   // 15 ms, 3 ms, 2 ms
+                            Way{5, 1, -80, 35, 5 * 30 / 25.0},   // 6 ms, 3 ms, 11 ms: over both at once
+                            Way{7.3, 1, -80, -20 + 5 * (17 - 30 / 7.3), 5 * 30 / (7.3 * 7.3)},
+                            Way{5, -1, -10, -125, -15},           // 2 ms, 3 ms, 15 ms: down over both
+                            Way{0.25, -1, 27.5, -51.875, -7.5});  // 9.5 ms, 3 ms, 7.5 ms
+  INFO("from " << way.start << " mV at " << way.speed << " mV/ms, direction " << way.direction);
+  const double parameters[] = {way.speed, way.direction}, none[1] = {0};
+  double y[2] = {0, way.start};
+  Rosenbrock4<Stairs>(Stairs::constants(parameters), 1e-8, {1e-10, 1e-10}).advance(20, y, none);
+  CHECK(y[Stairs::V] == Approx(way.end).margin(1e-7));
   CHECK(y[Stairs::ticks] == Approx(20).margin(1e-9));
-  // One step over both; and the end moves by what the crossing of the first does.
   PacedBeatInputs<Tangent> in;
-  in.parameters = {2.0};
+  in.parameters = {way.speed, way.direction};
   in.parameters[0].derivative[0] = 1;
   in.period_ms = 20.0;
-  Tangent z[2] = {0.0, -80.0};
+  Tangent z[2] = {0.0, way.start};
   PacedBeat<Stairs, Tangent>(in, 0, 20, false).run(z, [](const Tangent&, const Tangent*) {});
-  CHECK(z[Stairs::V].value == Approx(-10).margin(1e-9));
-  CHECK(z[Stairs::V].derivative[0] == Approx(5 * 30 / 4.0).epsilon(1e-9));
+  CHECK(z[Stairs::V].value == Approx(way.end).margin(1e-9));
+  CHECK(z[Stairs::V].derivative[0] == Approx(way.end_by_speed).epsilon(1e-9));
 }
 
 TEST_CASE("every ionic model: SIMD lanes take the scalar step, with tables nearly so") {
