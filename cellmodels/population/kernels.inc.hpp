@@ -260,8 +260,8 @@ WIGGERS_INLINE bool same(std::string_view a, std::string_view b) {
 }
 
 // One step of the scheme that walls share (force_step.hpp); tension and stiffness are written.
-// It has a loop of its own: one that both kernels share costs the tabulated CRN kernel or the RDQ20 kernel 4 to
-// 11 %, as compilers lay it out.
+// It has a loop of its own: one that both kernels share costs the tabulated CRN kernel or the RDQ20 kernel 4
+// to 11 %, as compilers lay it out.
 template <class Model, class V, bool per_point>
 [[gnu::flatten]] bool run_in_wall(const KernelCall<typename V::Scalar>& call, std::size_t first,
                                   std::size_t last) {

@@ -88,13 +88,13 @@ static_assert(require_ionic_model<Stairs>());
 }  // namespace
 
 TEST_CASE("rates that jump at several potentials are kept to their intervals") {
-  // Below the first branch at `speed`, between them at 10 mV/ms, above at 5. A beat is one step; how far its end
-  // moves with the speed is by when the branches are crossed.
+  // Below the first branch at `speed`, between them at 10 mV/ms, above at 5. A beat is one step; how far its
+  // end moves with the speed is by when the branches are crossed.
   struct Way {
     double speed, direction, start, end, end_by_speed;
   };
-  const auto way = GENERATE(Way{2, 1, -80, -10, 5 * 30 / 4.0},   // 15 ms, 3 ms, 2 ms
-                            Way{5, 1, -80, 35, 5 * 30 / 25.0},   // 6 ms, 3 ms, 11 ms: over both at once
+  const auto way = GENERATE(Way{2, 1, -80, -10, 5 * 30 / 4.0},  // 15 ms, 3 ms, 2 ms
+                            Way{5, 1, -80, 35, 5 * 30 / 25.0},  // 6 ms, 3 ms, 11 ms: over both at once
                             Way{7.3, 1, -80, -20 + 5 * (17 - 30 / 7.3), 5 * 30 / (7.3 * 7.3)},
                             Way{5, -1, -10, -125, -15},           // 2 ms, 3 ms, 15 ms: down over both
                             Way{0.25, -1, 27.5, -51.875, -7.5});  // 9.5 ms, 3 ms, 7.5 ms
