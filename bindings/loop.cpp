@@ -170,7 +170,7 @@ void bind_loop(py::module_& m) {
             std::vector<double> rates(n_circulation_states);
             double p[n_chambers];
             loop_pressures(model.loop, t, state.data(), p);
-            const auto Q = valve_flows<double>(model.loop.circulation, p, state[p_AR_SYS], state[p_AR_PUL]);
+            const auto Q = valve_flows(model.loop.circulation, p, state.data());
             circulation_rates(model.loop.circulation, state.data(), p, Q, rates.data());
             return owned(std::move(rates));
           },
@@ -183,7 +183,7 @@ void bind_loop(py::module_& m) {
             Jet x[n_circulation_states], rates[n_circulation_states], p[n_chambers];
             for (int i = 0; i < n_circulation_states; ++i) x[i] = Jet::variable(state[i], i);
             loop_pressures(model.loop, t, x, p);
-            const auto Q = valve_flows<Jet>(model.loop.circulation, p, x[p_AR_SYS], x[p_AR_PUL]);
+            const auto Q = valve_flows(model.loop.circulation, p, x);
             circulation_rates(model.loop.circulation, x, p, Q, rates);
             std::vector<double> rows;
             for (const Jet& rate : rates)
@@ -216,7 +216,7 @@ void bind_loop(py::module_& m) {
             if (!(sample_s >= 1e-7 && sample_s <= model.loop.period_s))
               throw InputError(fmt::format("sample_s = {} s is outside 1e-7 to the period, {} s", sample_s,
                                            model.loop.period_s));
-            auto table = std::make_shared<Table>(circulation_table());
+            auto table = std::make_shared<Table>(circulation_table(model.loop.circulation));
             require_memory(beats * model.loop.period_s / sample_s, static_cast<double>(table->columns.size()),
                            fmt::format("{} beats with sample_s = {}", beats, sample_s),
                            "Take a larger sample_s or fewer beats.");
@@ -224,7 +224,7 @@ void bind_loop(py::module_& m) {
             {
               py::gil_scoped_release unlock;
               for (int beat = 0; beat < beats; ++beat) {
-                Table rows = circulation_table();
+                Table rows = circulation_table(model.loop.circulation);
                 solver.beat(state, sample_s, &rows);
                 append_beat(*table, rows, beat * model.loop.period_s);
                 after_beat(progress)(beats_done(beat + 1));

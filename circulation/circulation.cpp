@@ -9,25 +9,37 @@ namespace wiggers {
 
 double dissipated_power(const CirculationParameters& c, const double* y, const double* p,
                         const std::array<double, n_valves>& Q) {
-  const double branches =
-      c.circuits[SYS].R_AR * y[Q_AR_SYS] * y[Q_AR_SYS] + c.circuits[SYS].R_VEN * y[Q_VEN_SYS] * y[Q_VEN_SYS] +
-      c.circuits[PUL].R_AR * y[Q_AR_PUL] * y[Q_AR_PUL] + c.circuits[PUL].R_VEN * y[Q_VEN_PUL] * y[Q_VEN_PUL];
-  const double valves = (p[LA] - p[LV]) * Q[MV] + (p[LV] - y[p_AR_SYS]) * Q[AV] + (p[RA] - p[RV]) * Q[TV] +
-                        (p[RV] - y[p_AR_PUL]) * Q[PV];
-  return branches + valves;
+  double outlets = 0, gates = 0;
+  for (int v = 0; v < n_vessels; ++v) {
+    const double flow = y[n_nodes + v];
+    outlets += c.vessels[v].R * flow * flow;
+  }
+  const auto drops = valve_drops(p, y);
+  for (int v = 0; v < n_valves; ++v) gates += drops[v] * Q[v];
+  for_each_shunt_flow(c, p, y, [&](int s, double flow) {
+    gates +=
+        (node_pressure(network::shunts[s].from, p, y) - node_pressure(network::shunts[s].to, p, y)) * flow;
+  });
+  return outlets + gates;
 }
 
 double largest_explicit_step(const CirculationParameters& c) {
   double step = 1e9;
-  for (const CircuitParameters& circuit : c.circuits) {
-    if (circuit.R_AR > 0) step = std::min(step, 2 * circuit.L_AR / circuit.R_AR);
-    if (circuit.R_VEN > 0) step = std::min(step, 2 * circuit.L_VEN / circuit.R_VEN);
-  }
+  for (const VesselParameters& vessel : c.vessels)
+    if (vessel.R > 0) step = std::min(step, 2 * vessel.L / vessel.R);
   return step;
 }
 
 double largest_arterial_step(const CirculationParameters& c) {
-  return 2 * std::min(c.valves[AV].Rmin * c.circuits[SYS].C_AR, c.valves[PV].Rmin * c.circuits[PUL].C_AR);
+  double step = 1e9;
+  const auto consider = [&](int n, double R) {
+    if (n >= n_chambers) step = std::min(step, 2 * (R * c.vessels[n - n_chambers].C));
+  };
+  for (int v = 0; v < n_valves; ++v) consider(network::valves[v].to, c.valves[v].Rmin);
+  for (int s = 0; s < n_shunts; ++s)
+    if (c.shunts[s].present)
+      for (int end : {network::shunts[s].from, network::shunts[s].to}) consider(end, c.shunts[s].R);
+  return step;
 }
 
 void check_elastance(const ElastanceParameters& e, double period, const char* place) {

@@ -1,10 +1,10 @@
-// The closed RLC circulation: twelve states, four valves, chamber pressures from outside. mmHg, mL, s.
+// The closed RLC circulation: the parameters and equations of its network. mmHg, mL, s.
 //
 //   each circuit (SYS, PUL):   Q_in --+--[R_AR L_AR]--+--[R_VEN L_VEN]--> atrium
 //                                     |               |
 //                                    C_AR            C_VEN          (C first, then R and L in series)
 //
-//   dV/dt of a chamber = inflow - outflow;  C dp/dt = inflow - outflow of the node;
+//   dV/dt of a chamber = inflow - outflow;  C dp/dt = inflow - outflow of a vessel;
 //   L dQ/dt = pressure before - pressure after - R Q.
 // Sources: Regazzoni et al., J Comput Phys 457:111083, 2022; Fedele et al. 2023 (whole-heart paper).
 // Invariant: total stressed volume = chamber volumes + sum of C p; constant without external flow.
@@ -12,115 +12,137 @@
 
 #include <array>
 #include <string_view>
-#include <wiggers/circulation/names.hpp>
+#include <type_traits>
+#include <vector>
+#include <wiggers/circulation/network.hpp>
+#include <wiggers/circulation/shunts.hpp>
 #include <wiggers/circulation/valves.hpp>
 #include <wiggers/core/quantity.hpp>
 
 namespace wiggers {
 
 template <class P>
-struct CircuitParametersOf {
-  P R_AR = 0, C_AR = 0, L_AR = 0, R_VEN = 0, C_VEN = 0, L_VEN = 0;
+struct VesselParametersOf {
+  P R = 0, C = 0, L = 0;
 };
-using CircuitParameters = CircuitParametersOf<double>;
-// From an infant's circulation to a large adult's, ill or not; the same for the body and the lungs.
-inline constexpr std::array circuit_quantities = {
-    Quantity{"R_AR", "mmHg s/mL", 0.48, 1e-4, 20, "arterial resistance"},
-    Quantity{"C_AR", "mL/mmHg", 1.5, 0.02, 200, "arterial compliance"},
-    Quantity{"L_AR", "mmHg s^2/mL", 5e-3, 1e-5, 0.1, "arterial inertance"},
-    Quantity{"R_VEN", "mmHg s/mL", 0.26, 1e-4, 20, "venous resistance"},
-    Quantity{"C_VEN", "mL/mmHg", 60, 0.2, 600, "venous compliance"},
-    Quantity{"L_VEN", "mmHg s^2/mL", 5e-4, 1e-5, 0.1, "venous inertance"},
-};
-static_assert(well_formed(circuit_quantities));
-template <class Circuit>
-auto fields_of(Circuit& c) requires requires {
-  c.R_AR;
+using VesselParameters = VesselParametersOf<double>;
+template <class V>
+auto fields_of(V& v) requires requires {
+  v.C;
 }
-{ return std::array{&c.R_AR, &c.C_AR, &c.L_AR, &c.R_VEN, &c.C_VEN, &c.L_VEN}; }
-
-// The states as quantities; defaults: the start of the set wiggers-healthy-0d.
-inline constexpr std::array circulation_state_quantities = {
-    Quantity{"V_LA", "mL", 65, 0, 2000, "volume of the left atrium"},
-    Quantity{"V_LV", "mL", 120, 0, 2000, "volume of the left ventricle"},
-    Quantity{"V_RA", "mL", 65, 0, 2000, "volume of the right atrium"},
-    Quantity{"V_RV", "mL", 145, 0, 2000, "volume of the right ventricle"},
-    Quantity{"p_AR_SYS", "mmHg", 80, -60, 500, "systemic arterial pressure"},
-    Quantity{"p_VEN_SYS", "mmHg", 28, -60, 500, "systemic venous pressure"},
-    Quantity{"p_AR_PUL", "mmHg", 18, -60, 500, "pulmonary arterial pressure"},
-    Quantity{"p_VEN_PUL", "mmHg", 12, -60, 500, "pulmonary venous pressure"},
-    Quantity{"Q_AR_SYS", "mL/s", 0, -5000, 5000, "systemic arterial flow"},
-    Quantity{"Q_VEN_SYS", "mL/s", 0, -5000, 5000, "systemic venous flow, into the right atrium"},
-    Quantity{"Q_AR_PUL", "mL/s", 0, -5000, 5000, "pulmonary arterial flow"},
-    Quantity{"Q_VEN_PUL", "mL/s", 0, -5000, 5000, "pulmonary venous flow, into the left atrium"},
-};
-static_assert(well_formed(circulation_state_quantities));
+{ return std::array{&v.R, &v.C, &v.L}; }
 
 // Parameters may be plain, or dual to carry sensitivities.
 template <class P>
 struct CirculationParametersOf {
-  ValveLaw valve_law = ValveLaw::diode;
+  ValveLaw valve_law = law_of<DiodeValve>;
   P tanh_steepness = tanh_steepness_quantity.default_value;
   std::array<ValveParametersOf<P>, n_valves> valves;
-  std::array<CircuitParametersOf<P>, 2> circuits;  // SYS, PUL
+  std::array<VesselParametersOf<P>, n_vessels> vessels;
+  std::array<ShuntParametersOf<P>, n_shunts> shunts;
+  bool has_shunts() const {
+    for (const auto& shunt : shunts)
+      if (shunt.present) return true;
+    return false;
+  }
 };
 using CirculationParameters = CirculationParametersOf<double>;
 
 using CirculationValues = std::array<double, n_circulation_states>;
 
-// Flows through MV, AV, TV, PV for chamber pressures p[LA, LV, RA, RV].
-template <class T, class P>
-std::array<T, n_valves> valve_flows(const CirculationParametersOf<P>& c, const T* p, const T& p_ar_sys,
-                                    const T& p_ar_pul) {
-  const auto flow = [&](int valve, const T& p1, const T& p2) {
-    return valve_flow<T, P>(c.valve_law, c.valves[valve], c.tanh_steepness, p1, p2);
-  };
-  return {flow(MV, p[LA], p[LV]), flow(AV, p[LV], p_ar_sys), flow(TV, p[RA], p[RV]),
-          flow(PV, p[RV], p_ar_pul)};
+// Pressure drops over the valves, forward positive: p of the chambers, y the state.
+template <class T, class Y>
+std::array<T, n_valves> valve_drops(const T* p, const Y* y) {
+  return network::each<T, n_valves>([&](auto v) -> T {
+    return node_pressure(network::valves[v].from, p, y) - node_pressure(network::valves[v].to, p, y);
+  });
 }
 
-// Time derivatives of the twelve states for given chamber pressures and valve flows.
+template <class T, class P, class Y>
+std::array<T, n_valves> valve_flows(const CirculationParametersOf<P>& c, const T* p, const Y* y) {
+  return network::each<T, n_valves>([&](auto v) {
+    return valve_flow<T, P>(c.valve_law, c.valves[v], c.tanh_steepness,
+                            node_pressure(network::valves[v].from, p, y),
+                            node_pressure(network::valves[v].to, p, y));
+  });
+}
+
+// f(shunt, flow) for those that are present.
+template <class T, class P, class Y, class F>
+void for_each_shunt_flow(const CirculationParametersOf<P>& c, const T* p, const Y* y, F f) {
+  for (int s = 0; s < n_shunts; ++s)
+    if (c.shunts[s].present)
+      f(s, shunt_flow<T, P>(c.shunts[s], node_pressure(network::shunts[s].from, p, y),
+                            node_pressure(network::shunts[s].to, p, y)));
+}
+
+// What the chambers gain (mL/s), from Q through the valves and from shunts.
+template <class T, class P, class Y>
+std::array<T, n_chambers> chamber_inflows(const CirculationParametersOf<P>& c, const T* p, const Y* y,
+                                          const std::array<T, n_valves>& Q) {
+  std::array<T, n_chambers> net = network::each<T, n_chambers>([&](auto n) { return net_flow<n>(Q, y); });
+  for_each_shunt_flow(c, p, y, [&](int s, const T& flow) {
+    if (network::shunts[s].from < n_chambers) net[network::shunts[s].from] -= flow;
+    if (network::shunts[s].to < n_chambers) net[network::shunts[s].to] += flow;
+  });
+  return net;
+}
+
+// Time derivatives of the states for given chamber pressures and valve flows; of the loop without its shunts,
+// and of the whole.
+template <class T, class P>
+[[gnu::always_inline]] inline void rates_without_shunts(const CirculationParametersOf<P>& c, const T* y,
+                                                        const T* p, const std::array<T, n_valves>& Q, T* dy) {
+  network::unrolled<n_nodes>([&](auto n) {
+    if constexpr (n < n_chambers)
+      dy[n] = net_flow<n>(Q, y);
+    else
+      dy[n] = net_flow<n>(Q, y) / c.vessels[n - n_chambers].C;
+  });
+  network::unrolled<n_vessels>([&](auto k) {
+    constexpr Vessel v = static_cast<Vessel>(k());
+    dy[flow_of(v)] = (y[pressure_of(v)] - node_pressure(network::vessels[v].outlet, p, y) -
+                      c.vessels[v].R * y[flow_of(v)]) /
+                     c.vessels[v].L;
+  });
+}
 template <class T, class P>
 void circulation_rates(const CirculationParametersOf<P>& c, const T* y, const T* p,
                        const std::array<T, n_valves>& Q, T* dy) {
-  const CircuitParametersOf<P>& s = c.circuits[SYS];
-  const CircuitParametersOf<P>& l = c.circuits[PUL];
-  dy[V_LA] = y[Q_VEN_PUL] - Q[MV];
-  dy[V_LV] = Q[MV] - Q[AV];
-  dy[V_RA] = y[Q_VEN_SYS] - Q[TV];
-  dy[V_RV] = Q[TV] - Q[PV];
-  dy[p_AR_SYS] = (Q[AV] - y[Q_AR_SYS]) / s.C_AR;
-  dy[p_VEN_SYS] = (y[Q_AR_SYS] - y[Q_VEN_SYS]) / s.C_VEN;
-  dy[p_AR_PUL] = (Q[PV] - y[Q_AR_PUL]) / l.C_AR;
-  dy[p_VEN_PUL] = (y[Q_AR_PUL] - y[Q_VEN_PUL]) / l.C_VEN;
-  dy[Q_AR_SYS] = (y[p_AR_SYS] - y[p_VEN_SYS] - s.R_AR * y[Q_AR_SYS]) / s.L_AR;
-  dy[Q_VEN_SYS] = (y[p_VEN_SYS] - p[RA] - s.R_VEN * y[Q_VEN_SYS]) / s.L_VEN;
-  dy[Q_AR_PUL] = (y[p_AR_PUL] - y[p_VEN_PUL] - l.R_AR * y[Q_AR_PUL]) / l.L_AR;
-  dy[Q_VEN_PUL] = (y[p_VEN_PUL] - p[LA] - l.R_VEN * y[Q_VEN_PUL]) / l.L_VEN;
+  rates_without_shunts(c, y, p, Q, dy);
+  for_each_shunt_flow(c, p, y, [&](int s, const T& flow) {
+    const auto gains = [&](int n, const T& in) {
+      dy[n] += n < n_chambers ? in : T(in / c.vessels[n - n_chambers].C);
+    };
+    gains(network::shunts[s].from, T(-flow));
+    gains(network::shunts[s].to, flow);
+  });
 }
 
 // Total stressed blood volume (mL).
 template <class T, class P>
 T total_volume(const CirculationParametersOf<P>& c, const T* y) {
-  T sum = y[V_LA] + y[V_LV] + y[V_RA] + y[V_RV];
-  sum = sum + c.circuits[SYS].C_AR * y[p_AR_SYS] + c.circuits[SYS].C_VEN * y[p_VEN_SYS];
-  return sum + c.circuits[PUL].C_AR * y[p_AR_PUL] + c.circuits[PUL].C_VEN * y[p_VEN_PUL];
+  T sum = y[0];
+  for (int n = 1; n < n_chambers; ++n) sum = sum + y[n];
+  for (int v = 0; v < n_vessels; ++v) sum = sum + c.vessels[v].C * y[n_chambers + v];
+  return sum;
 }
 
-// Sets the systemic venous pressure so that the total volume has the given value.
+// Sets the reservoir's pressure so that the total volume has the given value.
 template <class T, class P>
 void hold_total_volume(const CirculationParametersOf<P>& c, T* y, const std::type_identity_t<T>& volume_mL) {
-  y[p_VEN_SYS] = y[p_VEN_SYS] + (volume_mL - total_volume(c, y)) / c.circuits[SYS].C_VEN;
+  T& pressure = y[pressure_of(reservoir)];
+  pressure = pressure + (volume_mL - total_volume(c, y)) / c.vessels[reservoir].C;
 }
 
-// Power lost in resistors and valves (mmHg mL/s): what the chambers' work must equal over a periodic beat.
+// Power lost in resistors, valves and shunts (mmHg mL/s): what the chambers' work must equal over a periodic
+// beat.
 double dissipated_power(const CirculationParameters& c, const double* y, const double* p,
                         const std::array<double, n_valves>& Q);
 
-// Explicit Euler of the venous branch is stable for steps below 2 L_VEN/R_VEN; the smaller one of the two
-// circuits (s).
+// Explicit Euler of a vessel's outlet is stable for steps below 2 L/R; the smallest (s).
 double largest_explicit_step(const CirculationParameters& c);
-// The same for the arteries, which the open outlet valve fills: below 2 Rmin C_AR (s).
+// The same for the vessels that an open valve or a shunt fills: below 2 R C (s).
 double largest_arterial_step(const CirculationParameters& c);
 
 }  // namespace wiggers

@@ -24,12 +24,22 @@ constexpr int rows_watched = 200;  // of a beat, where the integrator chooses it
 // A cycle that a finer integrator moves by more than this (scaled: 2 mL, 0.2 mmHg) is the integrator's.
 constexpr double largest_shift = 0.02;
 
-template <class T>
-void loop_rates(const Loop& loop, double t, const T* y, T* dy) {
+template <bool with_shunts, class T>
+void loop_rates_of(const Loop& loop, double t, const T* y, T* dy) {
   T p[n_chambers];
   loop_pressures(loop, t, y, p);
-  const auto Q = valve_flows<T>(loop.circulation, p, y[p_AR_SYS], y[p_AR_PUL]);
-  circulation_rates<T>(loop.circulation, y, p, Q, dy);
+  const auto Q = valve_flows(loop.circulation, p, y);
+  if constexpr (with_shunts)
+    circulation_rates<T>(loop.circulation, y, p, Q, dy);
+  else
+    rates_without_shunts<T>(loop.circulation, y, p, Q, dy);
+}
+template <class T>
+void loop_rates(const Loop& loop, double t, const T* y, T* dy) {
+  if (loop.circulation.has_shunts())
+    loop_rates_of<true>(loop, t, y, dy);
+  else
+    loop_rates_of<false>(loop, t, y, dy);
 }
 
 void check_state(const double* y, double t) {
@@ -43,7 +53,13 @@ void check_state(const double* y, double t) {
 
 }  // namespace
 
-Table circulation_table() {
+std::size_t circulation_columns(const CirculationParameters& c) {
+  std::size_t n = 1 + n_circulation_states + n_chambers + n_valves;
+  for (const auto& shunt : c.shunts) n += shunt.present;
+  return n;
+}
+
+Table circulation_table(const CirculationParameters& c) {
   Table table;
   table.add("t_s", "s", "time within the beat");
   for (const Quantity& q : circulation_state_quantities)
@@ -52,16 +68,23 @@ Table circulation_table() {
     table.add(fmt::format("p_{}", chamber), "mmHg", fmt::format("pressure in {}", chamber));
   for (std::string_view valve : valve_names)
     table.add(fmt::format("Q_{}", valve), "mL/s", fmt::format("flow through {}, forward positive", valve));
+  for (int s = 0; s < n_shunts; ++s)
+    if (c.shunts[s].present)
+      table.add(fmt::format("Q_{}", shunt_names[s]), "mL/s",
+                fmt::format("flow through the {}, from {} to {}", network::shunts[s].meaning,
+                            network::node_name(network::shunts[s].from),
+                            network::node_name(network::shunts[s].to)));
   return table;
 }
 
-void append_circulation_row(Table& table, double t, const double* y, const double* p,
-                            const std::array<double, n_valves>& Q) {
+void append_circulation_row(const CirculationParameters& c, Table& table, double t, const double* y,
+                            const double* p, const std::array<double, n_valves>& Q) {
   std::size_t column = 0;
   table.columns[column++].values.push_back(t);
   for (int k = 0; k < n_circulation_states; ++k) table.columns[column++].values.push_back(y[k]);
   for (int k = 0; k < n_chambers; ++k) table.columns[column++].values.push_back(p[k]);
   for (int k = 0; k < n_valves; ++k) table.columns[column++].values.push_back(Q[k]);
+  for_each_shunt_flow(c, p, y, [&](int, double flow) { table.columns[column++].values.push_back(flow); });
 }
 
 LimitCycleSettings loop_cycle_settings(double distance) {
@@ -77,7 +100,11 @@ namespace {
 constexpr double near_the_end = 1e3;
 }  // namespace
 
-std::vector<double> circulation_scales() { return {100, 100, 100, 100, 10, 10, 10, 10, 100, 100, 100, 100}; }
+std::vector<double> circulation_scales() {
+  std::vector<double> scales(n_circulation_states, 100);
+  std::fill_n(scales.begin() + n_chambers, n_vessels, 10);
+  return scales;
+}
 
 LoopSolver::LoopSolver(Loop loop, LoopIntegrator integrator)
     : loop_(std::move(loop)), integrator_(std::move(integrator)) {
@@ -114,13 +141,12 @@ void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table, P
   const double period = loop_.period_s;
   const auto record = [&](double t) {
     const auto p = pressures(t, state.data());
-    append_circulation_row(
-        *table, t, state.data(), p.data(),
-        valve_flows<double>(loop_.circulation, p.data(), state[p_AR_SYS], state[p_AR_PUL]));
+    append_circulation_row(loop_.circulation, *table, t, state.data(), p.data(),
+                           valve_flows(loop_.circulation, p.data(), state.data()));
   };
   const auto watch = [&](double t, const double* y) {
     const auto p = pressures(t, y);
-    sense->see(t, y, p.data(), valve_flows<double>(loop_.circulation, p.data(), y[p_AR_SYS], y[p_AR_PUL]));
+    sense->see(t, y, p.data(), valve_flows(loop_.circulation, p.data(), y));
   };
   // Where to stop: break points of the activation (restart there), sample times, the end.
   std::set<double> stops(breaks_.begin(), breaks_.end());

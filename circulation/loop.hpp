@@ -47,10 +47,13 @@ void for_each_circulation_parameter(Circulation& c, Visit visit) {
   };
   for (int v = 0; v < n_valves; ++v)
     table("valves", valve_names[v], valve_quantities, fields_of(c.valves[v]));
-  if (c.valve_law == ValveLaw::tanh)
+  if (has_steepness(c.valve_law))
     visit(std::string(tanh_steepness_quantity.name), tanh_steepness_quantity, c.tanh_steepness);
-  for (int k = 0; k < 2; ++k)
-    table("circuit", circuit_names[k], circuit_quantities, fields_of(c.circuits[k]));
+  for (int v = 0; v < n_vessels; ++v)
+    table("circuit", circuit_names[network::vessels[v].circuit], network::vessels[v].quantities,
+          fields_of(c.vessels[v]));
+  for (int s = 0; s < n_shunts; ++s)
+    if (c.shunts[s].present) table("shunts", shunt_names[s], shunt_quantities, fields_of(c.shunts[s]));
 }
 template <class AnyLoop, class Visit>
 void for_each_loop_parameter(AnyLoop& loop, Visit visit) {
@@ -72,7 +75,11 @@ CirculationParametersOf<To> converted(const CirculationParametersOf<From>& from)
   result.valve_law = from.valve_law;
   result.tanh_steepness = To(value_of(from.tanh_steepness));
   for (int v = 0; v < n_valves; ++v) copy_values(fields_of(from.valves[v]), fields_of(result.valves[v]));
-  for (int k = 0; k < 2; ++k) copy_values(fields_of(from.circuits[k]), fields_of(result.circuits[k]));
+  for (int v = 0; v < n_vessels; ++v) copy_values(fields_of(from.vessels[v]), fields_of(result.vessels[v]));
+  for (int s = 0; s < n_shunts; ++s) {
+    result.shunts[s].present = from.shunts[s].present;
+    copy_values(fields_of(from.shunts[s]), fields_of(result.shunts[s]));
+  }
   return result;
 }
 template <class To, class From>
@@ -157,10 +164,11 @@ class LoopSolver {
   std::vector<double> breaks_;  // activation break points within the period (cvode restarts there)
 };
 
-// Columns t_s, the twelve states, four chamber pressures, four valve flows.
-Table circulation_table();
-void append_circulation_row(Table& table, double t, const double* y, const double* p,
-                            const std::array<double, n_valves>& Q);
+// Columns t_s, the states, chamber pressures, valve flows, flows of the shunts that are present.
+Table circulation_table(const CirculationParameters& c);
+std::size_t circulation_columns(const CirculationParameters& c);  // how many
+void append_circulation_row(const CirculationParameters& c, Table& table, double t, const double* y,
+                            const double* p, const std::array<double, n_valves>& Q);
 
 // A loop has no fast directions that a jump upsets: it is accelerated after two beats, at every beat.
 LimitCycleSettings loop_cycle_settings(double distance);

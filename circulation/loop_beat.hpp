@@ -28,16 +28,10 @@ void loop_pressures(const LoopOf<P>& loop, const P& t, const T* y, T* p) {
     p[c] = elastance(loop.elastance[c], t, loop.period_s) * (y[c] - loop.elastance[c].V0);
 }
 
-// Pressure drops over the valves, forward positive.
-template <class T>
-std::array<T, n_valves> valve_drops(const T* p, const T* y) {
-  return {T(p[LA] - p[LV]), T(p[LV] - y[p_AR_SYS]), T(p[RA] - p[RV]), T(p[RV] - y[p_AR_PUL])};
-}
-
 template <class T, class P>
 std::array<T, n_valves> flows_when(const LoopOf<P>& loop, const ValveStates& open, const T* p, const T* y) {
   const CirculationParametersOf<P>& c = loop.circulation;
-  if (!has_kink(c.valve_law)) return valve_flows<T>(c, p, y[p_AR_SYS], y[p_AR_PUL]);
+  if (!has_kink(c.valve_law)) return valve_flows(c, p, y);
   const auto drops = valve_drops(p, y);
   std::array<T, n_valves> Q;
   for (int v = 0; v < n_valves; ++v) Q[v] = valve_flow_when(open[v], c.valve_law, c.valves[v], drops[v]);
@@ -45,32 +39,45 @@ std::array<T, n_valves> flows_when(const LoopOf<P>& loop, const ValveStates& ope
 }
 
 // Rates with every valve in a known state (laws without a kink do not look at it).
-template <class T, class P>
+template <bool with_shunts, class T, class P>
 void loop_rates_when(const LoopOf<P>& loop, const ValveStates& open, const P& t, const T* y, T* dy) {
   T p[n_chambers];
   loop_pressures(loop, t, y, p);
-  circulation_rates(loop.circulation, y, p, flows_when(loop, open, p, y), dy);
+  if constexpr (with_shunts)
+    circulation_rates(loop.circulation, y, p, flows_when(loop, open, p, y), dy);
+  else
+    rates_without_shunts(loop.circulation, y, p, flows_when(loop, open, p, y), dy);
+}
+
+// The step, compiled for loops with shunts and for those without, which pay nothing for them.
+template <bool with_shunts, class T>
+void runge_kutta_4_of(const LoopOf<T>& loop, const ValveStates& open, const T& t, const T& h, const T* y,
+                      T* end, T* middle) {
+  constexpr int n = n_circulation_states;
+  T k1[n], k2[n], k3[n], k4[n], at[n];
+  const T half = 0.5 * h;
+  loop_rates_when<with_shunts>(loop, open, t, y, k1);
+  for (int i = 0; i < n; ++i) at[i] = y[i] + half * k1[i];
+  loop_rates_when<with_shunts>(loop, open, T(t + half), at, k2);
+  for (int i = 0; i < n; ++i) at[i] = y[i] + half * k2[i];
+  loop_rates_when<with_shunts>(loop, open, T(t + half), at, k3);
+  for (int i = 0; i < n; ++i) at[i] = y[i] + h * k3[i];
+  loop_rates_when<with_shunts>(loop, open, T(t + h), at, k4);
+  const T sixth = h / 6.0;
+  for (int i = 0; i < n; ++i) end[i] = y[i] + sixth * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
+  if (!middle) return;
+  const T part = h / 24.0;
+  for (int i = 0; i < n; ++i) middle[i] = y[i] + part * (5.0 * k1[i] + 4.0 * (k2[i] + k3[i]) - k4[i]);
 }
 
 // `middle`, if asked for: the state at t + h/2, to fourth order locally.
 template <class T>
 void runge_kutta_4(const LoopOf<T>& loop, const ValveStates& open, const T& t, const T& h, const T* y, T* end,
                    T* middle = nullptr) {
-  constexpr int n = n_circulation_states;
-  T k1[n], k2[n], k3[n], k4[n], at[n];
-  const T half = 0.5 * h;
-  loop_rates_when(loop, open, t, y, k1);
-  for (int i = 0; i < n; ++i) at[i] = y[i] + half * k1[i];
-  loop_rates_when(loop, open, T(t + half), at, k2);
-  for (int i = 0; i < n; ++i) at[i] = y[i] + half * k2[i];
-  loop_rates_when(loop, open, T(t + half), at, k3);
-  for (int i = 0; i < n; ++i) at[i] = y[i] + h * k3[i];
-  loop_rates_when(loop, open, T(t + h), at, k4);
-  const T sixth = h / 6.0;
-  for (int i = 0; i < n; ++i) end[i] = y[i] + sixth * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
-  if (!middle) return;
-  const T part = h / 24.0;
-  for (int i = 0; i < n; ++i) middle[i] = y[i] + part * (5.0 * k1[i] + 4.0 * (k2[i] + k3[i]) - k4[i]);
+  if (loop.circulation.has_shunts())
+    runge_kutta_4_of<true>(loop, open, t, h, y, end, middle);
+  else
+    runge_kutta_4_of<false>(loop, open, t, h, y, end, middle);
 }
 
 struct PlainStep {
@@ -195,7 +202,7 @@ class LoopBeat {
     if (has_kink(plain_.circulation.valve_law))
       for (int v = 0; v < n_valves; ++v)
         if (!open[v])
-          g[v] = plain_.circulation.valve_law == ValveLaw::ideal ? 0 : 1 / plain_.circulation.valves[v].Rmax;
+          g[v] = valve_flow_when(false, plain_.circulation.valve_law, plain_.circulation.valves[v], 1.0);
     const double parts = dt_ * fastest_rate(plain_.circulation, E, g) / longest_reach;
     if (!(parts > 1)) return dt_;
     if (!(parts <= most_parts))

@@ -40,19 +40,24 @@ ValveParameters read_valve(SettingsReader& table, const ValveParameters& default
   return v;
 }
 
-CircuitParameters read_circuit(SettingsReader& table, const CircuitParameters& d) {
-  CircuitParameters c;
-  for (std::size_t k = 0; k < circuit_quantities.size(); ++k)
-    *fields_of(c)[k] = table.number(circuit_quantities[k], *fields_of(d)[k]);
-  return c;
+// The numbers of the fact sheet from a table; what is absent keeps its value.
+template <class Fields, class Quantities>
+void read_numbers(SettingsReader& table, const Quantities& quantities, const Fields& fields) {
+  for (std::size_t k = 0; k < fields.size(); ++k) *fields[k] = table.number(quantities[k], *fields[k]);
+}
+
+// The vessels of one circuit.
+template <class F>
+void for_each_vessel(int circuit, F f) {
+  for (int v = 0; v < n_vessels; ++v)
+    if (network::vessels[v].circuit == circuit) f(v);
 }
 
 }  // namespace
 
-ElastanceParameters read_elastance(SettingsReader& table, const ElastanceParameters& d) {
-  ElastanceParameters e;
-  for (std::size_t k = 0; k < elastance_quantities.size(); ++k)
-    *fields_of(e)[k] = table.number(elastance_quantities[k], *fields_of(d)[k]);
+ElastanceParameters read_elastance(SettingsReader& table, const ElastanceParameters& defaults) {
+  ElastanceParameters e = defaults;
+  read_numbers(table, elastance_quantities, fields_of(e));
   return e;
 }
 
@@ -62,7 +67,7 @@ void read_circulation(SettingsReader& reader, CirculationParameters& parameters)
       reader.choice("valve_law", valve_law_names[static_cast<int>(parameters.valve_law)], laws, "valve law");
   for (std::size_t k = 0; k < valve_law_names.size(); ++k)
     if (law == valve_law_names[k]) parameters.valve_law = static_cast<ValveLaw>(k);
-  if (parameters.valve_law == ValveLaw::tanh)
+  if (has_steepness(parameters.valve_law))
     parameters.tanh_steepness = reader.number(tanh_steepness_quantity, parameters.tanh_steepness);
 
   if (const CirculationSet* set = named_set(reader, "valves", false))
@@ -77,31 +82,43 @@ void read_circulation(SettingsReader& reader, CirculationParameters& parameters)
     }
   }
   if (const CirculationSet* set = named_set(reader, "circuit", false))
-    parameters.circuits = set->loop.circulation.circuits;
+    parameters.vessels = set->loop.circulation.vessels;
   if (!reader.is_text("circuit")) {
     SettingsReader& circuits = reader.table("circuit");
-    for (int c = 0; c < 2; ++c) {
+    for (int c = 0; c < static_cast<int>(circuit_names.size()); ++c) {
       if (const CirculationSet* set = named_set(circuits, circuit_names[c], false))
-        parameters.circuits[c] = set->loop.circulation.circuits[c];
+        for_each_vessel(c, [&](int v) { parameters.vessels[v] = set->loop.circulation.vessels[v]; });
       if (!circuits.is_text(circuit_names[c]))
-        parameters.circuits[c] = read_circuit(circuits.table(circuit_names[c]), parameters.circuits[c]);
+        for_each_vessel(c, [&](int v) {
+          read_numbers(circuits.table(circuit_names[c]), network::vessels[v].quantities,
+                       fields_of(parameters.vessels[v]));
+        });
     }
+  }
+  // Shunts are there where they are named.
+  for (int s = 0; reader.has("shunts") && s < n_shunts; ++s) {
+    SettingsReader& named = reader.table("shunts");
+    if (!named.has(shunt_names[s])) continue;
+    parameters.shunts[s].present = true;
+    read_numbers(named.table(shunt_names[s]), shunt_quantities, fields_of(parameters.shunts[s]));
   }
 }
 
 CirculationValues read_initial(SettingsReader& table, const CirculationParameters& parameters,
                                const CirculationValues& defaults) {
   CirculationValues y{};
+  const Quantity& held = circulation_state_quantities[pressure_of(reservoir)];
   const bool by_volume = table.has(total_volume_quantity.name);
-  if (by_volume && table.has("p_VEN_SYS"))
-    throw InputError(fmt::format("{}: give total_volume or p_VEN_SYS, not both: one follows from the other",
-                                 table.place("total_volume")));
+  if (by_volume && table.has(held.name))
+    throw InputError(fmt::format("{}: give total_volume or {}, not both: one follows from the other",
+                                 table.place("total_volume"), held.name));
   for (int k = 0; k < n_circulation_states; ++k)
-    if (!(by_volume && k == p_VEN_SYS)) y[k] = table.number(circulation_state_quantities[k], defaults[k]);
+    if (!(by_volume && k == pressure_of(reservoir)))
+      y[k] = table.number(circulation_state_quantities[k], defaults[k]);
   if (by_volume) {
     const double volume = table.number(total_volume_quantity);
     hold_total_volume(parameters, y.data(), volume);
-    check_range(circulation_state_quantities[p_VEN_SYS], y[p_VEN_SYS],
+    check_range(held, y[pressure_of(reservoir)],
                 fmt::format("{} = {} mL", table.place("total_volume"), volume));
   }
   return y;

@@ -13,7 +13,7 @@ constexpr double saved_volume_tolerance = 1e-6;  // relative: rounding over very
 
 const Quantity& physical_bounds(int state) {
   return state < n_chambers ? physical_sense::volume
-         : state < Q_AR_SYS ? physical_sense::pressure
+         : state < n_nodes  ? physical_sense::pressure
                             : physical_sense::flow;
 }
 
@@ -59,10 +59,10 @@ void PhysicalSense::name(double t_s, const double* y, const double* p,
   for (int c = 0; c < n_chambers; ++c) look(volume, fmt::format("the volume of {}", chamber_names[c]), y[c]);
   for (int c = 0; c < n_chambers; ++c)
     look(pressure, fmt::format("the pressure in {}", chamber_names[c]), p[c]);
-  for (int k = n_chambers; k < Q_AR_SYS; ++k)
+  for (int k = n_chambers; k < n_nodes; ++k)
     look(pressure, fmt::format("the {}", circulation_state_quantities[k].meaning), y[k]);
   for (int v = 0; v < n_valves; ++v) look(flow, fmt::format("the flow through {}", valve_names[v]), Q[v]);
-  for (int k = Q_AR_SYS; k < n_circulation_states; ++k)
+  for (int k = n_nodes; k < n_circulation_states; ++k)
     look(flow, fmt::format("the {}", circulation_state_quantities[k].meaning), y[k]);
 }
 

@@ -46,8 +46,8 @@ class PhysicalSense {
     bool inside = true;
     for (int c = 0; c < n_chambers; ++c)
       inside = inside && keeps(volume, y[c]) && keeps(pressure, p[c]) && keeps(flow, Q[c]);
-    for (int k = n_chambers; k < Q_AR_SYS; ++k) inside = inside && keeps(pressure, y[k]);
-    for (int k = Q_AR_SYS; k < n_circulation_states; ++k) inside = inside && keeps(flow, y[k]);
+    for (int k = n_chambers; k < n_nodes; ++k) inside = inside && keeps(pressure, y[k]);
+    for (int k = n_nodes; k < n_circulation_states; ++k) inside = inside && keeps(flow, y[k]);
     if (!inside) name(t_s, y, p, Q);
   }
   // Any other quantity.

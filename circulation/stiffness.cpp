@@ -9,37 +9,25 @@ namespace wiggers {
 
 namespace {
 
-// Compliant nodes: four chambers, then the vessels.
-enum Node { n_AR_SYS = n_chambers, n_VEN_SYS, n_AR_PUL, n_VEN_PUL, n_nodes };
-
-struct Ends {
-  int from, to;
-};
-constexpr std::array<Ends, n_valves> valve_ends = {{{LA, LV}, {LV, n_AR_SYS}, {RA, RV}, {RV, n_AR_PUL}}};
-
-struct Inertance {
-  const char* name;
-  Ends ends;
-  double R, L;
-};
-std::array<Inertance, 4> inertances(const CirculationParameters& c) {
-  const CircuitParameters& s = c.circuits[SYS];
-  const CircuitParameters& l = c.circuits[PUL];
-  return {{{"SYS.AR", {n_AR_SYS, n_VEN_SYS}, s.R_AR, s.L_AR},
-           {"SYS.VEN", {n_VEN_SYS, RA}, s.R_VEN, s.L_VEN},
-           {"PUL.AR", {n_AR_PUL, n_VEN_PUL}, l.R_AR, l.L_AR},
-           {"PUL.VEN", {n_VEN_PUL, LA}, l.R_VEN, l.L_VEN}}};
+std::array<double, n_nodes> node_stiffness(const CirculationParameters& c, const ChamberElastances& E) {
+  std::array<double, n_nodes> e{};
+  for (int n = 0; n < n_chambers; ++n) e[n] = E[n];
+  for (int v = 0; v < n_vessels; ++v) e[n_chambers + v] = 1 / c.vessels[v].C;
+  return e;
 }
 
-std::array<double, n_nodes> node_stiffness(const CirculationParameters& c, const ChamberElastances& E) {
-  return {E[LA],
-          E[LV],
-          E[RA],
-          E[RV],
-          1 / c.circuits[SYS].C_AR,
-          1 / c.circuits[SYS].C_VEN,
-          1 / c.circuits[PUL].C_AR,
-          1 / c.circuits[PUL].C_VEN};
+// f(branch, conductance, description) for valves and shunts.
+template <class F>
+void for_each_conductance(const CirculationParameters& c, const ValveConductances& g, F f) {
+  for (int v = 0; v < n_valves; ++v)
+    f(network::valves[v], g[v], [&, v] {
+      return fmt::format("valve {} (Rmin = {:.3g} mmHg s/mL)", network::valves[v].name, c.valves[v].Rmin);
+    });
+  for (int s = 0; s < n_shunts; ++s)
+    if (c.shunts[s].present)
+      f(network::shunts[s], 1 / c.shunts[s].R, [&, s] {
+        return fmt::format("shunt {} (R = {:.3g} mmHg s/mL)", network::shunts[s].name, c.shunts[s].R);
+      });
 }
 
 }  // namespace
@@ -48,7 +36,8 @@ ValveConductances steepest_conductances(const CirculationParameters& c) {
   ValveConductances steepest{};
   for (int v = 0; v < n_valves; ++v) {
     if (has_kink(c.valve_law)) {
-      steepest[v] = 1 / std::min(c.valves[v].Rmin, c.valves[v].Rmax);
+      for (bool open : {true, false})
+        steepest[v] = std::max(steepest[v], valve_flow_when(open, c.valve_law, c.valves[v], 1.0));
       continue;
     }
     // Smooth laws are steepest near the switch, where the resistance falls while the drop grows.
@@ -67,18 +56,20 @@ double fastest_rate(const CirculationParameters& c, const ChamberElastances& E, 
   const auto e = node_stiffness(c, E);
   std::array<double, n_nodes> symmetric{}, antisymmetric{};
   double fastest = 0, swing = 0;
-  for (int v = 0; v < n_valves; ++v) {
-    const auto [from, to] = valve_ends[v];
+  for_each_conductance(c, g, [&](const network::Branch& branch, double conductance, const auto&) {
+    const auto [from, to] = std::pair(branch.from, branch.to);
     const double across = std::sqrt(e[from] * e[to]);
-    symmetric[from] += g[v] * (e[from] + across);
-    symmetric[to] += g[v] * (e[to] + across);
-  }
-  for (const Inertance& i : inertances(c)) {
-    const double from = std::sqrt(e[i.ends.from] / i.L), to = std::sqrt(e[i.ends.to] / i.L);
-    antisymmetric[i.ends.from] += from;
-    antisymmetric[i.ends.to] += to;
+    symmetric[from] += conductance * (e[from] + across);
+    symmetric[to] += conductance * (e[to] + across);
+  });
+  for (int v = 0; v < n_vessels; ++v) {
+    const VesselParameters& vessel = c.vessels[v];
+    const double from = std::sqrt(e[n_chambers + v] / vessel.L);
+    const double to = std::sqrt(e[network::vessels[v].outlet] / vessel.L);
+    antisymmetric[n_chambers + v] += from;
+    antisymmetric[network::vessels[v].outlet] += to;
     swing = std::max(swing, from + to);
-    fastest = std::max(fastest, i.R / i.L);
+    fastest = std::max(fastest, vessel.R / vessel.L);
   }
   for (double sum : symmetric) fastest = std::max(fastest, sum);
   for (double sum : antisymmetric) swing = std::max(swing, sum);
@@ -96,12 +87,16 @@ std::string stiffest_branch(const CirculationParameters& c, const ChamberElastan
       name = std::move(text);
     }
   };
-  for (int v = 0; v < n_valves; ++v)
-    consider(g[v] * (e[valve_ends[v].from] + e[valve_ends[v].to]),
-             fmt::format("valve {} (Rmin = {:.3g} mmHg s/mL)", valve_names[v], c.valves[v].Rmin));
-  for (const Inertance& i : inertances(c))
-    consider(std::max(i.R / i.L, std::sqrt((e[i.ends.from] + e[i.ends.to]) / i.L)),
-             fmt::format("vessel {} (R = {:.3g} mmHg s/mL, L = {:.3g} mmHg s^2/mL)", i.name, i.R, i.L));
+  for_each_conductance(c, g, [&](const network::Branch& branch, double conductance, const auto& description) {
+    consider(conductance * (e[branch.from] + e[branch.to]), description());
+  });
+  for (int v = 0; v < n_vessels; ++v) {
+    const VesselParameters& vessel = c.vessels[v];
+    consider(std::max(vessel.R / vessel.L,
+                      std::sqrt((e[n_chambers + v] + e[network::vessels[v].outlet]) / vessel.L)),
+             fmt::format("vessel {} (R = {:.3g} mmHg s/mL, L = {:.3g} mmHg s^2/mL)", network::vessels[v].name,
+                         vessel.R, vessel.L));
+  }
   return name;
 }
 

@@ -73,7 +73,7 @@ void add_loop(CLI::App& app) {
     if (!(o->sample_ms >= 1e-3 && o->sample_ms * 1e-3 <= loop.period_s))
       throw InputError(fmt::format("--sample-ms {} is outside 0.001 to the period", o->sample_ms));
     require_memory(1e3 * loop.period_s / std::min(o->sample_ms, 1.0),
-                   static_cast<double>(circulation_table().columns.size()),
+                   static_cast<double>(circulation_columns(loop.circulation)),
                    fmt::format("--sample-ms {} over a period of {} s", o->sample_ms, loop.period_s),
                    "Take a larger --sample-ms.");
     const LoopSolver solver(loop, o->integrator);
@@ -107,8 +107,8 @@ void add_loop(CLI::App& app) {
     summary.indexes = loop_indexes(solver, state);
     if (to_cycle && summary.certificate.good())
       summary.certificate.warnings = ejection_warnings(summary.indexes);
-    Table output = circulation_table();
-    summary.trace = circulation_table();
+    Table output = circulation_table(loop.circulation);
+    summary.trace = circulation_table(loop.circulation);
     if (o->sample_ms > 1) {
       CirculationValues same = state;
       solver.beat(same, o->sample_ms * 1e-3, &output);

@@ -63,9 +63,18 @@ void add_models(CLI::App& app) {
     if (o->name == "circulation" || (o->name.empty() && o->sets)) {
       if (!o->sets) {
         print_quantities("states (mmHg, mL, s)", circulation_state_quantities, true);
-        print_quantities("elastance.{LA,LV,RA,RV}", elastance_quantities, true);
-        print_quantities("valves.{MV,AV,TV,PV}", valve_quantities, true);
-        print_quantities("circuit.{SYS,PUL}", circuit_quantities, true);
+        print_quantities(fmt::format("elastance.{{{}}}", fmt::join(chamber_names, ",")), elastance_quantities,
+                         true);
+        print_quantities(fmt::format("valves.{{{}}}", fmt::join(valve_names, ",")), valve_quantities, true);
+        for (std::size_t c = 0; c < circuit_names.size(); ++c) {
+          std::vector<Quantity> quantities;
+          for (const network::VesselEntry& vessel : network::vessels)
+            if (vessel.circuit == static_cast<int>(c))
+              quantities.insert(quantities.end(), vessel.quantities.begin(), vessel.quantities.end());
+          print_quantities(fmt::format("circuit.{}", circuit_names[c]), quantities, true);
+        }
+        print_quantities(fmt::format("shunts.{{{}}}: there where named", fmt::join(shunt_names, ",")),
+                         shunt_quantities, true);
       }
       fmt::print("\nparameter sets of circulation\n");
       for (const CirculationSet& set : circulation_sets()) fmt::print("  {}: {}\n", set.name, set.source);

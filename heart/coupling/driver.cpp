@@ -54,9 +54,9 @@ void HeartDriverOf<T>::start(const Values& initial) {
     wall->start(T(0.0), V, p);
     for (std::size_t k = 0; k < cavities.size(); ++k) p_[cavities[k]] = p[k];
   }
-  const T bag = settings_.pericardium.pressure(T(y_[V_LA] + y_[V_LV] + y_[V_RA] + y_[V_RV]));
+  const T bag = settings_.pericardium.pressure(T(y_[LA] + y_[LV] + y_[RA] + y_[RV]));
   for (T& pressure : p_) pressure += bag;
-  Q_ = valve_flows<T>(circulation_, p_.data(), y_[p_AR_SYS], y_[p_AR_PUL]);
+  Q_ = valve_flows(circulation_, p_.data(), y_.data());
 }
 
 template <class T>
@@ -81,20 +81,17 @@ void HeartDriverOf<T>::wanted_volumes(const T* p, const T& step, T* volumes, dou
   }
   Jet pressure[n_chambers];
   for (int c = 0; c < n_chambers; ++c) pressure[c] = Jet::variable(value_of(p[c]), c);
-  const auto Q = valve_flows<Jet>(plain_, pressure, Jet(value_of(y_[p_AR_SYS])), Jet(value_of(y_[p_AR_PUL])));
-  const Jet net[n_chambers] = {value_of(y_[Q_VEN_PUL]) - Q[MV], Q[MV] - Q[AV],
-                               value_of(y_[Q_VEN_SYS]) - Q[TV], Q[TV] - Q[PV]};
+  CirculationValues y;
+  for (int k = 0; k < n_circulation_states; ++k) y[k] = value_of(y_[k]);
+  const auto net = chamber_inflows(plain_, pressure, y.data(), valve_flows(plain_, pressure, y.data()));
   const double dt = value_of(step);
   for (int c = 0; c < n_chambers; ++c)
     for (int k = 0; k < n_chambers; ++k) slopes[n_chambers * c + k] = dt * net[c].derivative[k];
   if constexpr (std::is_same_v<T, double>) {
     for (int c = 0; c < n_chambers; ++c) volumes[c] = y_[c] + dt * net[c].value;
   } else {
-    const auto flow = valve_flows<T>(circulation_, p, y_[p_AR_SYS], y_[p_AR_PUL]);
-    volumes[LA] = y_[LA] + step * (y_[Q_VEN_PUL] - flow[MV]);
-    volumes[LV] = y_[LV] + step * (flow[MV] - flow[AV]);
-    volumes[RA] = y_[RA] + step * (y_[Q_VEN_SYS] - flow[TV]);
-    volumes[RV] = y_[RV] + step * (flow[TV] - flow[PV]);
+    const auto gains = chamber_inflows(circulation_, p, y_.data(), valve_flows(circulation_, p, y_.data()));
+    for (int c = 0; c < n_chambers; ++c) volumes[c] = y_[c] + step * gains[c];
   }
 }
 
@@ -250,18 +247,14 @@ void HeartDriverOf<T>::step_over(const T& t, const T& dt, int halvings, BeatAudi
   for (const auto& wall : walls_) wall->accept_step();
 
   p_ = p;
-  Q_ = valve_flows<T>(circulation_, p_.data(), y_[p_AR_SYS], y_[p_AR_PUL]);
+  Q_ = valve_flows(circulation_, p_.data(), y_.data());
   Values rates;
   circulation_rates(circulation_, y_.data(), p_.data(), Q_, rates.data());
   if constexpr (std::is_same_v<T, double>)
     audit.dissipated_mmHg_mL += dt * dissipated_power(circulation_, y_.data(), p_.data(), Q_);
   if (settings_.implicit_inductors) {
-    const CircuitParametersOf<T>& s = circulation_.circuits[SYS];
-    const CircuitParametersOf<T>& l = circulation_.circuits[PUL];
-    rates[Q_AR_SYS] /= 1.0 + dt * s.R_AR / s.L_AR;
-    rates[Q_VEN_SYS] /= 1.0 + dt * s.R_VEN / s.L_VEN;
-    rates[Q_AR_PUL] /= 1.0 + dt * l.R_AR / l.L_AR;
-    rates[Q_VEN_PUL] /= 1.0 + dt * l.R_VEN / l.L_VEN;
+    for (int v = 0; v < n_vessels; ++v)
+      rates[n_nodes + v] /= 1.0 + dt * circulation_.vessels[v].R / circulation_.vessels[v].L;
   }
   for (int k = 0; k < n_circulation_states; ++k) y_[k] += dt * rates[k];
   for (int c = 0; c < n_chambers; ++c) {
@@ -298,14 +291,12 @@ std::vector<WallOutput> HeartDriverOf<T>::wall_outputs() const {
 
 template <class T>
 Table HeartDriverOf<T>::trace() const {
-  Table table = circulation_table();
+  Table table = circulation_table(plain_);
   for (const WallOutput& output : outputs_) table.add(output.name, output.unit, output.meaning);
   return table;
 }
 
 namespace {
-constexpr std::size_t first_wall_column = 1 + n_circulation_states + n_chambers + n_valves;
-
 struct PlainRow {
   double y[n_circulation_states], p[n_chambers];
   std::array<double, n_valves> Q;
@@ -318,12 +309,12 @@ void HeartDriverOf<T>::record(Table& table, double t) const {
   for (int k = 0; k < n_circulation_states; ++k) row.y[k] = value_of(y_[k]);
   for (int c = 0; c < n_chambers; ++c) row.p[c] = value_of(p_[c]);
   for (int v = 0; v < n_valves; ++v) row.Q[v] = value_of(Q_[v]);
-  append_circulation_row(table, t, row.y, row.p, row.Q);
+  append_circulation_row(plain_, table, t, row.y, row.p, row.Q);
   std::vector<double> values(outputs_.size());
   double* at = values.data();
   for (std::size_t w = 0; w < walls_.size(); at += n_outputs_[w++]) walls_[w]->output_values(at);
   for (std::size_t k = 0; k < values.size(); ++k)
-    table.columns[first_wall_column + k].values.push_back(values[k]);
+    table.columns[circulation_columns(plain_) + k].values.push_back(values[k]);
 }
 
 template <class T>
@@ -343,6 +334,7 @@ void HeartDriverOf<T>::show(double t, PhysicalSense& sense) const {
 template <class T>
 PhysicalSense HeartDriverOf<T>::sense_of(const Table& trace) const {
   PhysicalSense sense;
+  const std::size_t first_wall_column = circulation_columns(plain_);
   for (std::size_t k = 0; k < trace.n_rows(); ++k) {
     const auto at = [&](std::size_t column) { return trace.columns[column].values[k]; };
     PlainRow row;

@@ -13,7 +13,7 @@
 #include <string>
 #include <string_view>
 #include <vector>
-#include <wiggers/circulation/names.hpp>
+#include <wiggers/circulation/network.hpp>
 #include <wiggers/core/table.hpp>
 
 namespace wiggers {

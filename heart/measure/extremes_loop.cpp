@@ -35,18 +35,14 @@ std::vector<LoopCondition> loop_conditions() {
                   }});
   for (double factor : {0.01, 100.0})
     list.push_back({fmt::format("compliances x {}", factor), [factor](Loop& l) {
-                      for (auto& circuit : l.circulation.circuits) {
-                        circuit.C_AR *= factor;
-                        circuit.C_VEN *= factor;
-                      }
+                      for (auto& vessel : l.circulation.vessels) vessel.C *= factor;
                     }});
   list.push_back({"elastances x 20", [](Loop& l) {
                     for (auto& e : l.elastance) e.EA *= 20;
                   }});
   for (double factor : {0.1, 3.0})
     list.push_back({factor < 1 ? "near-empty" : "overfilled", [factor](Loop& l) {
-                      for (int k : {p_AR_SYS, p_VEN_SYS, p_AR_PUL, p_VEN_PUL}) l.initial[k] *= factor;
-                      for (int k : {V_LA, V_LV, V_RA, V_RV}) l.initial[k] *= factor;
+                      for (int n = 0; n < n_nodes; ++n) l.initial[n] *= factor;
                     }});
   return list;
 }
@@ -60,7 +56,7 @@ ExtremesStudy extremes_loop(const Loop& loop, const ExtremesSettings& settings, 
   study.accurate_means = "peak LV pressure within 0.1 % up to, ms";
   study.roughly_means = "within 1 % up to, ms";
   const auto peak = [](const LoopSolver& solver, CirculationValues state, int beats, double sample_s) {
-    Table table = circulation_table();
+    Table table = circulation_table(solver.loop().circulation);
     for (int beat = 0; beat < beats - 1; ++beat) solver.beat(state);
     solver.beat(state, sample_s, &table);
     if (!physical(state)) throw NumericalFailure("not finite");
@@ -112,13 +108,10 @@ ExtremesStudy extremes_loop(const Loop& loop, const ExtremesSettings& settings, 
       valve.Rmin *= factor(2);
       valve.Rmax = std::pow(10.0, 3 + 6 * unit(random));
     }
-    for (auto& circuit : changed.circulation.circuits) {
-      circuit.C_AR *= factor(2);
-      circuit.C_VEN *= factor(2);
-      circuit.R_AR *= factor(1);
-      circuit.R_VEN *= factor(1);
-      circuit.L_AR *= factor(1);
-      circuit.L_VEN *= factor(1);
+    for (auto& vessel : changed.circulation.vessels) {
+      vessel.C *= factor(2);
+      vessel.R *= factor(1);
+      vessel.L *= factor(1);
     }
     for (auto& e : changed.elastance) {
       e.EA *= std::pow(20.0, unit(random));

@@ -45,7 +45,7 @@ TradeStudy trade_loop(const Loop& loop, Progress& progress) {
   progress.update(0, "reference");
   finest.to_limit_cycle(start, loop_cycle_settings(1e-9));
   const auto run = [&](const LoopIntegrator& integrator, double spacing_s) {
-    Table table = circulation_table();
+    Table table = circulation_table(loop.circulation);
     CirculationValues state = start;
     LoopSolver(loop, integrator).beat(state, spacing_s, &table);
     return table;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <set>
 #include <wiggers/cellmodels/catalogue/force_stepper.hpp>
 #include <wiggers/cellmodels/pacing/pacing.hpp>
@@ -121,11 +122,12 @@ struct MonolithicHeart::Implementation {
   }
   // Pressure (mmHg) of a chamber: of its wall at a volume and its rate (mL/s), and of the bag.
   double pressure(int c, double t, const double* y, double dV_dt) const {
-    return wall_pressure(c, t, y, dV_dt) + scene.pericardium.pressure(y[V_LA] + y[V_LV] + y[V_RA] + y[V_RV]);
+    return wall_pressure(c, t, y, dV_dt) +
+           scene.pericardium.pressure(std::accumulate(y + 1, y + n_chambers, y[0]));
   }
   double wall_pressure(int c, double t, const double* y, double dV_dt) const {
     const WallPlan& plan = *walls[c];
-    const double V = y[V_LA + c];
+    const double V = y[c];
     if (const auto* numbers = numbers_of<ElastanceNumbers>(plan))
       return elastance(numbers->elastance, t, scene.period_s) * (V - numbers->elastance.V0);
     const ReducedWallParameters& w = numbers_of<ReducedNumbers>(plan)->wall;
@@ -147,15 +149,15 @@ struct MonolithicHeart::Implementation {
   }
   // All rates for given pressures.
   void rates(double t, const double* y, const double* p, double* dy) const {
-    const auto Q = valve_flows<double>(scene.circulation, p, y[p_AR_SYS], y[p_AR_PUL]);
+    const auto Q = valve_flows(scene.circulation, p, y);
     circulation_rates<double>(scene.circulation, y, p, Q, dy);
     for (int c = 0; c < n_chambers; ++c) {
       if (fibre_of[c] < 0) continue;
       const Fibre& f = fibres[static_cast<std::size_t>(fibre_of[c])];
       double slope = 0;
-      const double lambda = stretch(c, y[V_LA + c], &slope);
+      const double lambda = stretch(c, y[c], &slope);
       const double SL0 = f.force->reference_length_um();
-      const double velocity = scene.rate == RateScheme::none ? 0.0 : SL0 * slope * dy[V_LA + c];
+      const double velocity = scene.rate == RateScheme::none ? 0.0 : SL0 * slope * dy[c];
       const double in[3] = {f.calcium->at(t - f.activation_s), SL0 * lambda, velocity};
       f.equations->evaluate(y + f.offset, in, dy + f.offset, nullptr);
     }
@@ -166,14 +168,12 @@ struct MonolithicHeart::Implementation {
   // Where the right-hand side has kinks: pressure across each valve, tension above rest.
   std::size_t n_roots() const { return n_valves + fibres.size(); }
   void roots(const double* y, const double* p, double* values) const {
-    values[MV] = p[LA] - p[LV];
-    values[AV] = p[LV] - y[p_AR_SYS];
-    values[TV] = p[RA] - p[RV];
-    values[PV] = p[RV] - y[p_AR_PUL];
+    const auto drops = valve_drops(p, y);
+    std::copy(drops.begin(), drops.end(), values);
     for (std::size_t k = 0; k < fibres.size(); ++k) values[n_valves + k] = 1;
     for (int c = 0; c < n_chambers; ++c)
       if (fibre_of[c] >= 0)
-        (void)tension(fibres[static_cast<std::size_t>(fibre_of[c])], y, stretch(c, y[V_LA + c], nullptr),
+        (void)tension(fibres[static_cast<std::size_t>(fibre_of[c])], y, stretch(c, y[c], nullptr),
                       &values[n_valves + fibre_of[c]]);
   }
   std::vector<double> absolute() const {
@@ -255,7 +255,7 @@ struct MonolithicHeart::Implementation {
       // The volumes' rates as the flows give them, so that no algebraic equation contains y'.
       for (int c = 0; c < n_chambers; ++c)
         r[n_differential + static_cast<std::size_t>(c)] =
-            p[c] - pressure(c, t, x, now[static_cast<std::size_t>(V_LA + c)]);
+            p[c] - pressure(c, t, x, now[static_cast<std::size_t>(c)]);
     };
     system.n_roots = n_roots();
     system.roots = [&](double, const double* x, double* values) { roots(x, x + n_differential, values); };
@@ -374,7 +374,7 @@ LimitCycleCertificate MonolithicHeart::to_limit_cycle(double distance) {
   PhysicalSense sense;
   std::vector<double> last = m.state;
   m.integrate(last, m.scene.period_s / 200, [&](double t, const double* y, const double* p) {
-    sense.see(t, y, p, valve_flows<double>(m.scene.circulation, p, y[p_AR_SYS], y[p_AR_PUL]));
+    sense.see(t, y, p, valve_flows(m.scene.circulation, p, y));
   });
   if (sense.finding()) {
     certificate.verdict = LimitCycleVerdict::unphysical;
@@ -385,10 +385,9 @@ LimitCycleCertificate MonolithicHeart::to_limit_cycle(double distance) {
 
 Table MonolithicHeart::beat(double sample_s) {
   Implementation& m = *implementation_;
-  Table table = circulation_table();
+  Table table = circulation_table(m.scene.circulation);
   m.integrate(m.state, sample_s, [&](double t, const double* y, const double* p) {
-    append_circulation_row(table, t, y, p,
-                           valve_flows<double>(m.scene.circulation, p, y[p_AR_SYS], y[p_AR_PUL]));
+    append_circulation_row(m.scene.circulation, table, t, y, p, valve_flows(m.scene.circulation, p, y));
   });
   return table;
 }

@@ -27,16 +27,15 @@ AtrialActivationsOf<T> activations_of(const LoopOf<T>& loop) {
 
 WIGGERS_WIDE void wide_step(const LoopOf<Tangent>& loop, const ValveStates& open, const Tangent& t,
                             const Tangent& h, const Tangent* y, Tangent* end, Tangent* middle) {
-  runge_kutta_4(loop, open, t, h, y, end, middle);
+  runge_kutta_4_of<false>(loop, open, t, h, y, end, middle);
 }
 struct WideStep {
   template <class T>
   static void step(const LoopOf<T>& loop, const ValveStates& open, const T& t, const T& h, const T* y, T* end,
                    T* middle) {
     if constexpr (std::is_same_v<T, Tangent>)
-      wide_step(loop, open, t, h, y, end, middle);
-    else
-      runge_kutta_4(loop, open, t, h, y, end, middle);
+      if (!loop.circulation.has_shunts()) return wide_step(loop, open, t, h, y, end, middle);
+    runge_kutta_4(loop, open, t, h, y, end, middle);
   }
 };
 
@@ -63,7 +62,7 @@ void check_loop(const Loop& loop) {
   for (int c = 0; c < n_chambers; ++c)
     check_elastance(loop.elastance[c], loop.period_s, fmt::format("elastance.{}", chamber_names[c]).c_str());
   check_range(
-      circulation_state_quantities[p_VEN_SYS], loop.initial[p_VEN_SYS],
+      circulation_state_quantities[pressure_of(reservoir)], loop.initial[pressure_of(reservoir)],
       fmt::format("{} = {} mL", total_volume_name, total_volume(loop.circulation, loop.initial.data())));
 }
 
@@ -135,7 +134,7 @@ BeatIndexes loop_indexes(const LoopSolver& solver, const CirculationValues& star
   if (solver.integrator().name == "runge-kutta-4")
     return indexes_of<double>(loop, state.data(), solver.integrator().dt_s);
   // Rows so close that a valve that moves between two of them does not show.
-  Table rows = circulation_table();
+  Table rows = circulation_table(loop.circulation);
   solver.beat(state, std::min(index_sample_s, loop.period_s / 20), &rows);
   return compute_indexes(rows, activations_of(loop));
 }
@@ -184,7 +183,7 @@ std::vector<double> loop_cycle_derivatives_by_cvodes(const Loop& loop, const Cir
     using T = std::remove_cvref_t<decltype(*y)>;
     T p[n_chambers];
     loop_pressures(in, t, y, p);
-    circulation_rates(in.circulation, y, p, valve_flows<T>(in.circulation, p, y[p_AR_SYS], y[p_AR_PUL]), dy);
+    circulation_rates(in.circulation, y, p, valve_flows(in.circulation, p, y), dy);
   };
   OdeSystem system;
   system.size = n;

@@ -4,7 +4,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <wiggers/circulation/names.hpp>
+#include <wiggers/circulation/network.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/sensitivity.hpp>

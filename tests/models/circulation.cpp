@@ -21,10 +21,10 @@ namespace {
 Loop loop_of(const std::string& name) {
   if (name == "peer_default") return find_circulation_set("circulation-0.3.1").loop;
   Loop loop = find_circulation_set("baseline75").loop;
-  if (name == "baseline75_diode") loop.circulation.valve_law = ValveLaw::diode;
+  if (name == "baseline75_diode") loop.circulation.valve_law = law_of<DiodeValve>;
   if (name == "seed_rlc") {
     const CirculationParameters paper = find_circulation_set("fedele2023").loop.circulation;
-    loop.circulation.circuits = paper.circuits;
+    loop.circulation.vessels = paper.vessels;
     loop.circulation.valves = paper.valves;
   }
   return loop;
@@ -43,7 +43,7 @@ void compare(const std::string& name, const Table& table, const Table& ranges_fr
     CHECK(certificate.verdict == LimitCycleVerdict::period_1);
   }
   const double volume = total_volume(solver.loop().circulation, state.data());
-  Table trace = circulation_table();
+  Table trace = circulation_table(solver.loop().circulation);
   solver.beat(state, 1e-3, &trace);
   REQUIRE(trace.n_rows() == 801);
   CHECK(std::abs(total_volume(solver.loop().circulation, state.data()) - volume) < 1e-9);
@@ -108,11 +108,12 @@ TEST_CASE("the leading multiplier of the loop is the reference's") {
 
 TEST_CASE("valve laws: direction, limits, derivatives") {
   const ValveParameters valve{0.0075, 75000};
-  for (ValveLaw law : {ValveLaw::diode, ValveLaw::log_arctan, ValveLaw::tanh, ValveLaw::ideal}) {
+  for (int k = 0; k < n_valve_laws; ++k) {
+    const ValveLaw law{k};
     INFO(valve_law_names[static_cast<int>(law)]);
     // Forward pressure opens: the founding paper's printed diode would close here.
     CHECK(valve_flow(law, valve, 20, 30.0, 10.0) ==
-          Approx(20 / 0.0075).epsilon(law == ValveLaw::log_arctan ? 1e-2 : 1e-9));
+          Approx(20 / 0.0075).epsilon(law == law_of<LogArctanValve> ? 1e-2 : 1e-9));
     CHECK(std::abs(valve_flow(law, valve, 20, 10.0, 110.0)) < 2e-3);
     CHECK(valve_flow(law, valve, 20, 10.0, 110.0) <= 0);
     CHECK(valve_flow(law, valve, 20, 10.0, 10.0) == 0);
@@ -132,8 +133,9 @@ TEST_CASE("valve laws: direction, limits, derivatives") {
 
 TEST_CASE("the fat tail of the log-arctan law is as specified") {
   const ValveParameters valve{0.0075, 75006.2};
-  CHECK(1.0 / valve_flow(ValveLaw::log_arctan, valve, 20, 1.0, 0.0) / 0.0075 == Approx(1.016).epsilon(2e-3));
-  CHECK(0.1 / valve_flow(ValveLaw::log_arctan, valve, 20, 0.1, 0.0) / 0.0075 == Approx(1.18).epsilon(1e-2));
+  CHECK(1.0 / valve_flow(law_of<LogArctanValve>, valve, 20, 1.0, 0.0) / 0.0075 ==
+        Approx(1.016).epsilon(2e-3));
+  CHECK(0.1 / valve_flow(law_of<LogArctanValve>, valve, 20, 0.1, 0.0) / 0.0075 == Approx(1.18).epsilon(1e-2));
 }
 
 TEST_CASE("activation wraps round the period, before zero too") {
@@ -164,7 +166,7 @@ TEST_CASE("wiggers-healthy-0d is physiological on its limit cycle") {
   LimitCycleSettings settings;
   settings.distance = 1e-8;
   solver.to_limit_cycle(state, settings);
-  Table trace = circulation_table();
+  Table trace = circulation_table(solver.loop().circulation);
   solver.beat(state, 1e-3, &trace);
   const auto range = [&](const char* name) {
     const auto& v = trace.at(name).values;
@@ -193,7 +195,7 @@ TEST_CASE("loop files: tables, names of sets for tables, and refusals") {
   const Loop named =
       read("elastance = \"baseline75\"\ninitial = \"baseline75\"\n[circuit]\nSYS = \"fedele2023\"\n");
   CHECK(named.elastance[LV].EA == 3.35);
-  CHECK(named.circulation.circuits[SYS].R_AR == 0.48);
+  CHECK(named.circulation.vessels[AR_SYS].R == 0.48);
   CHECK(named.initial[p_VEN_SYS] == 40);
   const Loop based = read("[elastance.LV]\nparameters = \"baseline75\"\nEA = 5.0\n");
   CHECK(based.elastance[LV].EA == 5);
@@ -229,7 +231,8 @@ TEST_CASE("every set of the circulation, and a tenth and ten times it, is within
     if (q.unit == "mmHg") CHECK((q.lower >= -100 && q.upper <= 500));
     if (q.unit == "mL") CHECK((q.lower == 0 && q.upper <= 2000));
   }
-  for (const Quantity& q : circuit_quantities) CHECK(q.lower > 0);
+  for (const network::VesselEntry& vessel : network::vessels)
+    for (const Quantity& q : vessel.quantities) CHECK(q.lower > 0);
 }
 
 TEST_CASE("random parameters end in a beat or in words, never in NaN") {
@@ -240,10 +243,9 @@ TEST_CASE("random parameters end in a beat or in words, never in NaN") {
     Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
     const auto scale = [&](double decades) { return std::pow(10, decades * exponent(random)); };
     for (ValveParameters& valve : loop.circulation.valves) valve.Rmin *= scale(1.5);
-    for (CircuitParameters& circuit : loop.circulation.circuits) {
-      circuit.C_AR *= scale(1);
-      circuit.C_VEN *= scale(1);
-      circuit.R_AR *= scale(1);
+    for (int v : {AR_SYS, VEN_SYS, AR_PUL, VEN_PUL}) {
+      loop.circulation.vessels[v].C *= scale(1);
+      loop.circulation.vessels[v].R *= scale(1);
     }
     for (ElastanceParameters& e : loop.elastance) e.EA *= scale(1);
     const LoopSolver solver(loop, {});
@@ -279,7 +281,7 @@ TEST_CASE("a stiff valve does not make runge-kutta-4 unstable: the steps are div
   Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
   loop.circulation.valves[AV].Rmin = 0.0012;
   for (const char* law : {"diode", "log-arctan"}) {
-    loop.circulation.valve_law = law == std::string("diode") ? ValveLaw::diode : ValveLaw::log_arctan;
+    loop.circulation.valve_law = law == std::string("diode") ? law_of<DiodeValve> : law_of<LogArctanValve>;
     CirculationValues by_rk = loop.initial, by_cvode = loop.initial;
     const auto rk = LoopSolver(loop, {"runge-kutta-4", 1e-9, 1e-9, 1e-3})
                         .to_limit_cycle(by_rk, loop_cycle_settings(1e-8));
@@ -290,7 +292,7 @@ TEST_CASE("a stiff valve does not make runge-kutta-4 unstable: the steps are div
     for (int k = 0; k < n_circulation_states; ++k)
       CHECK(by_rk[k] == Approx(by_cvode[k]).epsilon(1e-3).margin(0.05));
   }
-  loop.circulation.valve_law = ValveLaw::diode;
+  loop.circulation.valve_law = law_of<DiodeValve>;
   loop.circulation.valves[AV].Rmin = 1e-6;
   CirculationValues state = loop.initial;
   CHECK_THROWS_WITH(
@@ -303,7 +305,7 @@ TEST_CASE("no eigenvalue of the loop is beyond the bound of its stiffness") {
   std::uniform_real_distribution<double> log_factor(std::log(0.3), std::log(3));
   for (int draw = 0; draw < 50; ++draw) {
     Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
-    loop.circulation.valve_law = ValveLaw::diode;
+    loop.circulation.valve_law = law_of<DiodeValve>;
     for_each_loop_parameter(loop, [&](const std::string& name, const Quantity&, double& value) {
       if (name != "period_s" && name.find(".T") == std::string::npos) value *= std::exp(log_factor(random));
     });
@@ -316,8 +318,7 @@ TEST_CASE("no eigenvalue of the loop is beyond the bound of its stiffness") {
       const auto drops = valve_drops(p, y);
       for (int v = 0; v < n_valves; ++v)
         g[v] = 1 / (drops[v].value > 0 ? loop.circulation.valves[v].Rmin : loop.circulation.valves[v].Rmax);
-      circulation_rates<Jet>(loop.circulation, y, p,
-                             valve_flows<Jet>(loop.circulation, p, y[p_AR_SYS], y[p_AR_PUL]), dy);
+      circulation_rates<Jet>(loop.circulation, y, p, valve_flows(loop.circulation, p, y), dy);
       Eigen::Matrix<double, n_circulation_states, n_circulation_states> J;
       for (int i = 0; i < n_circulation_states; ++i)
         for (int k = 0; k < n_circulation_states; ++k) J(i, k) = dy[i].derivative[k];
@@ -347,7 +348,7 @@ TEST_CASE("a cycle that no heart can be in is unphysical, whatever the integrato
 
 TEST_CASE("forward-euler does not certify its own oscillation") {
   Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
-  loop.circulation.valve_law = ValveLaw::log_arctan;
+  loop.circulation.valve_law = law_of<LogArctanValve>;
   loop.circulation.valves[AV].Rmin = 0.0006;
   CirculationValues state = loop.initial;
   LimitCycleCertificate c;

@@ -12,7 +12,7 @@ using namespace wiggers;
 namespace {
 // A made-up beat of 1 s: MV open 0.7 to 1.2 (wraps), AV open 0.3 to 0.6; the same on the right, 10 ms later.
 Table made_up_beat() {
-  Table table = circulation_table();
+  Table table = circulation_table({});
   const auto set = [&](const char* name, double value) {
     for (Column& column : table.columns)
       if (column.name == name) column.values.push_back(value);

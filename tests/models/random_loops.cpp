@@ -14,10 +14,9 @@ namespace {
 Loop random_loop(std::mt19937& random) {
   std::uniform_real_distribution<double> log_factor(std::log(0.3), std::log(3));
   const char* sets[] = {"wiggers-healthy-0d", "baseline75"};
-  const ValveLaw laws[] = {ValveLaw::diode, ValveLaw::log_arctan, ValveLaw::tanh, ValveLaw::ideal};
   while (true) {
     Loop loop = find_circulation_set(sets[random() % 2]).loop;
-    loop.circulation.valve_law = laws[random() % 4];
+    loop.circulation.valve_law = ValveLaw(random() % n_valve_laws);
     std::vector<double> values;
     const auto parameters = loop_parameters(loop);
     for (const NamedParameter& p : parameters)

@@ -1,7 +1,7 @@
 // The thick-walled sphere and the reduced wall: energetics, invariance, one-fibre relation, demonstrations.
 #include <catch2/catch.hpp>
 #include <cmath>
-#include <wiggers/circulation/names.hpp>
+#include <wiggers/circulation/network.hpp>
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>

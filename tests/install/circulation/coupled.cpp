@@ -24,7 +24,7 @@ int main() {
         p[chamber] = elastance(loop.elastance[chamber], t_s, loop.period_s) *
                      (y[chamber] - loop.elastance[chamber].V0);
       p[LV] = pressure_of_3d_ventricle(y[V_LV], t_s);
-      const auto flows = valve_flows<double>(loop.circulation, p, y[p_AR_SYS], y[p_AR_PUL]);
+      const auto flows = valve_flows(loop.circulation, p, y.data());
       circulation_rates<double>(loop.circulation, y.data(), p, flows, rates);
       for (int k = 0; k < n_circulation_states; ++k) y[k] += dt_s * rates[k];
     }
