@@ -105,11 +105,10 @@ struct Branch {
   std::string_view name, meaning;
   int from, to;  // nodes
 };
-inline constexpr std::array<Branch, n_valves> valves = {
-    {{"MV", "mitral valve", node(LA), node(LV)},
-     {"AV", "aortic valve", node(LV), node(AR_SYS)},
-     {"TV", "tricuspid valve", node(RA), node(RV)},
-     {"PV", "pulmonary valve", node(RV), node(AR_PUL)}}};
+inline constexpr std::array<Branch, n_valves> valves = {{{"MV", "mitral valve", node(LA), node(LV)},
+                                                         {"AV", "aortic valve", node(LV), node(AR_SYS)},
+                                                         {"TV", "tricuspid valve", node(RA), node(RV)},
+                                                         {"PV", "pulmonary valve", node(RV), node(AR_PUL)}}};
 inline constexpr std::array shunts = {
     Branch{"ASD", "atrial septal defect", node(LA), node(RA)},
 };

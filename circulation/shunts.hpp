@@ -1,8 +1,9 @@
 // Shunts: holes and ducts that join two nodes of the circulation beside the valves. mmHg, mL, s, cm2.
 //
-//   p1 - p2 = R Q + 4 (Q/(100 A))^2 sign(Q):   a resistance, and the orifice whose jet of v m/s has a gradient
-//                                              of 4 v^2 mmHg (the simplified Bernoulli equation); A: effective
-//                                              orifice area
+//   p1 - p2 = R Q + 4 (Q/(100 A))^2 sign(Q):   a resistance, and the orifice whose jet of v m/s has a
+//   gradient
+//                                              of 4 v^2 mmHg (the simplified Bernoulli equation); A:
+//                                              effective orifice area
 //
 // solved for Q. The resistance keeps the flow's slope finite where it turns: dQ/d(p1 - p2) <= 1/R.
 #pragma once
@@ -18,6 +19,7 @@ struct ShuntParametersOf {
   bool present = false;
   P area_cm2 = 1, R = 2e-3;
 };
+using ShuntParameters = ShuntParametersOf<double>;
 inline constexpr std::array shunt_quantities = {
     Quantity{"area_cm2", "cm2", 1, 1e-3, 20, "effective orifice area"},
     Quantity{"R", "mmHg s/mL", 2e-3, 2e-4, 100, "resistance in series with the orifice"},

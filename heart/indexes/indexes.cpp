@@ -14,8 +14,9 @@ BeatIndexes compute_indexes(const Table& table, const AtrialActivations& atrial_
     trace.p[c] = table.at(fmt::format("p_{}", chamber_names[c])).values;
   }
   for (int v = 0; v < n_valves; ++v) trace.Q[v] = table.at(fmt::format("Q_{}", valve_names[v])).values;
-  trace.p_aorta = table.at("p_AR_SYS").values;
-  trace.p_pulmonary = table.at("p_AR_PUL").values;
+  for (const network::Branch& valve : network::valves)
+    if (valve.to >= n_chambers)
+      trace.p[valve.to] = table.at(circulation_state_quantities[valve.to].name).values;
   return compute_indexes_of(trace, atrial_activation, debounce);
 }
 

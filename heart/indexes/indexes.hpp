@@ -144,9 +144,9 @@ void for_each_index(const Indexes& b, Visit visit) {
 template <class T>
 struct BeatTraceOf {
   std::vector<T> t;
-  std::array<std::vector<T>, n_chambers> V, p;
+  std::array<std::vector<T>, n_chambers> V;
+  std::array<std::vector<T>, n_nodes> p;  // of chambers, and of vessels at valves
   std::array<std::vector<T>, n_valves> Q;
-  std::vector<T> p_aorta, p_pulmonary;
   bool with_middles = false;  // every second row is the middle of a step
 
   void clear() { *this = {}; }
@@ -158,8 +158,8 @@ struct BeatTraceOf {
       p[c].push_back(pressures[c]);
     }
     for (int v = 0; v < n_valves; ++v) Q[v].push_back(flows[v]);
-    p_aorta.push_back(y[p_AR_SYS]);
-    p_pulmonary.push_back(y[p_AR_PUL]);
+    for (const network::Branch& valve : network::valves)
+      if (valve.to >= n_chambers) p[valve.to].push_back(y[valve.to]);
   }
 };
 

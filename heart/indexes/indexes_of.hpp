@@ -235,12 +235,10 @@ BeatIndexesOf<T> compute_indexes_of(const BeatTraceOf<T>& trace,
   for (int side = 0; side < 2; ++side)
     if (atrial_activation[side]) r.atrial_activation_s[side] = wrapped(*atrial_activation[side], period);
 
-  const Series<T>* upstream[] = {&trace.p[LA], &trace.p[LV], &trace.p[RA], &trace.p[RV]};
-  const Series<T>* downstream[] = {&trace.p[LV], &trace.p_aorta, &trace.p[RV], &trace.p_pulmonary};
   std::array<std::vector<Interval<T>>, n_valves> openings;
   for (int v = 0; v < n_valves; ++v) {
     const Series<T>& Q = trace.Q[v];
-    const Series<T>&p1 = *upstream[v], &p2 = *downstream[v];
+    const Series<T>&p1 = trace.p[network::valves[v].from], &p2 = trace.p[network::valves[v].to];
     Series<T> dp(t.size()), forward_flow(t.size()), backward_flow(t.size());
     for (std::size_t k = 0; k < t.size(); ++k) {
       dp[k] = p1[k] - p2[k];
@@ -344,8 +342,8 @@ BeatIndexesOf<T> compute_indexes_of(const BeatTraceOf<T>& trace,
   const auto artery = [&](const Series<T>& p) {
     return ArteryIndexesOf<T>{largest(rows, p), smallest(rows, p), integral(rows, p) / period};
   };
-  r.aorta = artery(trace.p_aorta);
-  r.pulmonary_artery = artery(trace.p_pulmonary);
+  r.aorta = artery(trace.p[network::valves[AV].to]);
+  r.pulmonary_artery = artery(trace.p[network::valves[PV].to]);
   const T mean_flow = (r.valve[AV].forward_volume_mL - r.valve[AV].backward_volume_mL) / period;
   r.cardiac_output_L_per_min = mean_flow * units::L_per_min_from_mL_per_s;
   if (mean_flow > 0.0) {

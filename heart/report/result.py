@@ -37,6 +37,7 @@ class Result:
             self.volume = {c: file[f"cavities/{c}/volume"][:] for c in CHAMBERS}
             self.pressure = {c: file[f"cavities/{c}/pressure"][:] for c in CHAMBERS}
             self.flow = {v: file[f"valves/{v}/flow"][:] for v in VALVES}
+            self.ends = {v: [file[f"valves/{v}/{end}"][()].decode() for end in ("from", "to")] for v in VALVES}
             self.circulation = {name: data[:] for name, data in file["circulation"].items()}
             self.cells, self.cell_units = {}, {}
             for chamber, group in file.get("cells", {}).items():
@@ -101,12 +102,9 @@ class Result:
 
     def open_spans(self, valve):
         """Spans of time in which a valve is open, from its pressure difference (openings above 1.5 ms)."""
-        upstream, downstream = {
-            "MV": (self.pressure["LA"], self.pressure["LV"]),
-            "AV": (self.pressure["LV"], self.circulation["p_AR_SYS"]),
-            "TV": (self.pressure["RA"], self.pressure["RV"]),
-            "PV": (self.pressure["RV"], self.circulation["p_AR_PUL"]),
-        }[valve]
+        upstream, downstream = (
+            self.pressure[node] if node in self.pressure else self.circulation[f"p_{node}"] for node in self.ends[valve]
+        )
         is_open = upstream > downstream
         edges = np.flatnonzero(np.diff(is_open.astype(int)))
         bounds = np.concatenate(([0], edges + 1, [len(is_open)]))

@@ -400,6 +400,11 @@ void HeartRun::write_file(const std::filesystem::path& path, const std::vector<d
   if (cost_.beats > 0 || complete_)
     for (const Column& column : trace_.columns)
       file.dataset(place_of(column.name), column.values, column.unit, column.meaning);
+  for (const network::Branch& valve : network::valves) {
+    const std::string group = fmt::format("/valves/{}", valve.name);
+    file.text(group + "/from", std::string(network::node_name(valve.from)));
+    file.text(group + "/to", std::string(network::node_name(valve.to)));
+  }
   if (has_whole_beat()) write_indexes(file, indexes(), scene_.body_surface_area_m2);
   if (cost_.beats > 0 || complete_) file.text("/summary", summarise(*this).dump());
   file.text("/limit_cycle/verdict", certificate_.text());

@@ -56,6 +56,21 @@ double imbalance(double work, double dissipated) {
   return std::abs(work - dissipated) / std::max(1.0, std::abs(dissipated));
 }
 
+// Net volumes (mL a beat) through the shunts of a trace, from their first node to their second.
+Json shunts_json(const Table& trace) {
+  Json out = Json::object();
+  const std::vector<double>& t = trace.at("t_s").values;
+  for (const Column& column : trace.columns)
+    for (const network::Branch& shunt : network::shunts) {
+      if (column.name != fmt::format("Q_{}", shunt.name)) continue;
+      double volume = 0;
+      for (std::size_t k = 1; k < t.size(); ++k)
+        volume += 0.5 * (column.values[k] + column.values[k - 1]) * (t[k] - t[k - 1]);
+      out[std::string(shunt.name)] = {{"volume_mL", volume}};
+    }
+  return out;
+}
+
 }  // namespace
 
 Json summarise(const HeartRun& run) {
@@ -82,6 +97,7 @@ Json summarise(const HeartRun& run) {
       {"dissipated_mmHg_mL", audit.dissipated_mmHg_mL},
       {"volume_mismatch_mL", audit.volume_mismatch_mL},
       {"stroke_volume_difference_mL", std::abs(audit.valve_volume_mL[AV] - audit.valve_volume_mL[PV])}};
+  if (run.scene().circulation.has_shunts()) out["shunts"] = shunts_json(run.trace());
   out["flips"] = flips_json(run.trace());
   out["cost"] = {{"wall_s", run.cost().cells_s + run.cost().heart_s},
                  {"beats", run.cost().beats},
@@ -147,6 +163,7 @@ Json summarise(const LoopSummary& loop) {
                    {"energy_imbalance", imbalance(work, dissipated)},
                    {"chamber_work_mmHg_mL", work},
                    {"dissipated_mmHg_mL", dissipated}};
+  if (loop.circulation.has_shunts()) out["shunts"] = shunts_json(loop.trace);
   out["flips"] = flips_json(loop.trace);
   out["cost"] = {{"wall_s", loop.wall_s}, {"beats", loop.beats}};
   out["warnings"] = Json::array();

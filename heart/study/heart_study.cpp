@@ -140,7 +140,7 @@ HeartStudy::Numbers<T> HeartStudy::numbers() const {
     return plain;
   } else {
     Numbers<T> result;
-    result.circulation.valve_law = plain.circulation.valve_law;
+    result.circulation = converted<T>(plain.circulation);
     result.bag = {plain.bag.pressure_mmHg, plain.bag.reference_volume_mL, plain.bag.exponent};
     for (const auto& [name, cell] : plain.cells) {
       typename Numbers<T>::Cell lifted;

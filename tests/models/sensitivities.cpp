@@ -111,7 +111,11 @@ TEST_CASE("steps that end at valve events keep the fourth order of Runge-Kutta")
 }
 
 TEST_CASE("loop sensitivities agree with differences") {
+  const bool with_shunts = GENERATE(false, true);
   Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
+  if (with_shunts)
+    for (ShuntParameters& shunt : loop.circulation.shunts) shunt = {true, 0.3, 5e-3};
+  const std::size_t parameters = with_shunts ? 46 + n_shunts * shunt_quantities.size() : 46;
   // No two break points coincide: where they do, a parameter that moves one of them has one-sided
   // derivatives.
   set_loop_parameter(loop, "elastance.LA.tC", 0.6487);
@@ -129,7 +133,7 @@ TEST_CASE("loop sensitivities agree with differences") {
   };
   const CirculationValues on_cycle = cycle(loop, loop.initial);
   const Sensitivities table = loop_sensitivities(loop, on_cycle, dt);
-  REQUIRE(table.parameters.size() == 46);
+  REQUIRE(table.parameters.size() == parameters);
   REQUIRE(table.outputs.size() == 75);
   const Worst worst =
       compare(table, loop_parameters(loop), {3e-4, 3e-5, 3e-6}, [&](const std::string& name, double value) {
@@ -142,7 +146,7 @@ TEST_CASE("loop sensitivities agree with differences") {
         return outputs;
       });
   INFO(worst.smooth_at << " " << worst.smooth << ", " << worst.events_at << " " << worst.events);
-  CHECK(worst.compared == 46 * 75);
+  CHECK(worst.compared == parameters * 75);
   CHECK(worst.smooth < 1e-5);
   CHECK(worst.events < 1e-3);
   CHECK(worst.unresolved < 2e-3);
@@ -319,14 +323,18 @@ auto changed_heart(const HeartStudy& heart, const HeartState& near, const FixedP
 }  // namespace
 
 TEST_CASE("heart sensitivities agree with differences") {
-  HeartStudy heart(read_scene_text(small_heart, "small heart", {}));
+  std::vector<std::string> holes;
+  if (GENERATE(false, true))
+    for (std::string_view name : shunt_names)
+      holes.push_back("circulation.shunts." + std::string(name) + ".area_cm2=0.3");
+  HeartStudy heart(read_scene_text(small_heart, "small heart", holes));
   LimitCycleSettings settings;
   HeartState state = heart.to_limit_cycle(settings, nullptr);
   REQUIRE(state.certificate.verdict == LimitCycleVerdict::period_1);
   const FixedPointDerivatives newton = heart.newton_at(state);
   state = heart.refined(state, newton);
   const Sensitivities table = heart.sensitivities(state);
-  REQUIRE(table.parameters.size() >= 70);
+  REQUIRE(table.parameters.size() >= 70 + shunt_quantities.size() * holes.size());
   const Worst worst = compare(table, heart.parameters(), {1e-4, 1e-5}, changed_heart(heart, state, newton));
   INFO(worst.smooth_at << " " << worst.smooth << ", " << worst.events_at << " " << worst.events);
   CHECK(worst.smooth < 1e-5);
