@@ -1,4 +1,5 @@
-// The circulation as a network: what flows in flows out at every node, and shunts are the same in every solver.
+// The circulation as a network: what flows in flows out at every node, and shunts are the same in every
+// solver.
 #include <fmt/format.h>
 
 #include <catch2/catch.hpp>
@@ -19,7 +20,8 @@ const std::string scenes = std::string(WIGGERS_TEST_DATA) + "/../../scenes/";
 // One shunt alone, or all of them.
 Loop loop_with(int shunt) {
   Loop loop = find_circulation_set("wiggers-healthy-0d").loop;
-  for (int s = 0; s < n_shunts; ++s) loop.circulation.shunts[s] = {shunt == n_shunts || s == shunt, 0.4, 4e-3};
+  for (int s = 0; s < n_shunts; ++s)
+    loop.circulation.shunts[s] = {shunt == n_shunts || s == shunt, 0.4, 4e-3};
   return loop;
 }
 CirculationValues cycle_of(const LoopSolver& solver, double distance = 1e-8) {
@@ -106,7 +108,8 @@ TEST_CASE("shunts: every integrator, the monolithic heart and the staggered one 
   const Loop loop = loop_with(shunt);
   const CirculationValues exact = cycle_of(LoopSolver(loop, {"cvode", 1e-10, 1e-10, 1e-3}), 1e-7);
   const CirculationValues steps = cycle_of(LoopSolver(loop, {"runge-kutta-4", 1e-9, 1e-9, 1e-3}), 1e-7);
-  for (int k = 0; k < n_circulation_states; ++k) CHECK(steps[k] == Approx(exact[k]).epsilon(1e-4).margin(2e-3));
+  for (int k = 0; k < n_circulation_states; ++k)
+    CHECK(steps[k] == Approx(exact[k]).epsilon(1e-4).margin(2e-3));
 
   std::vector<std::string> words = {"run.until=beats", "run.beats=1"};
   for (int s = 0; s < n_shunts; ++s)

@@ -51,7 +51,9 @@ Worst compare(const Sensitivities& table, const std::vector<NamedParameter>& par
     std::vector<double> steps;
     for (double relative : relative_steps) {
       // A period moves the last step's end, which must not pass a whole step.
-      const double h = size * (p.name == "period_ms" ? 0.1 * relative : relative);
+      const double room = std::min(p.quantity.upper - p.value, p.value - p.quantity.lower);
+      const double wanted = size * (p.name == "period_ms" ? 0.1 * relative : relative);
+      const double h = room > 0 ? std::min(wanted, 0.9 * room) : wanted;
       steps.push_back(h);
       points.push_back({solve(p.name, p.value - h), solve(p.name, p.value - 0.5 * h),
                         solve(p.name, p.value + 0.5 * h), solve(p.name, p.value + h)});
@@ -147,7 +149,8 @@ TEST_CASE("loop sensitivities agree with differences") {
       });
   INFO(worst.smooth_at << " " << worst.smooth << ", " << worst.events_at << " " << worst.events);
   CHECK(worst.compared == parameters * 75);
-  CHECK(worst.smooth < 1e-5);
+  // An orifice's flow has another curvature on either side of zero: differences are then of first order only.
+  CHECK(worst.smooth < (with_shunts ? 3e-5 : 1e-5));
   CHECK(worst.events < 1e-3);
   CHECK(worst.unresolved < 2e-3);
 }
@@ -180,8 +183,9 @@ TEST_CASE("loop sensitivities converge with the step") {
 }
 
 TEST_CASE("loop sensitivities by dual numbers and by CVODES agree") {
-  const auto compare_at = [](const char* set, double dt, double rtol) {
-    const Loop loop = find_circulation_set(set).loop;
+  const auto compare_at = [](const char* set, double dt, double rtol, bool with_shunts) {
+    Loop loop = find_circulation_set(set).loop;
+    for (ShuntParameters& shunt : loop.circulation.shunts) shunt = {with_shunts, 0.3, 5e-3};
     CirculationValues steps = loop.initial, adaptive = loop.initial;
     LoopSolver(loop, {"runge-kutta-4", 1e-9, 1e-9, dt}).to_limit_cycle(steps, loop_cycle_settings(1e-10));
     LoopSolver(loop, {"cvode", rtol, rtol, 1e-3}).to_limit_cycle(adaptive, loop_cycle_settings(1e-9));
@@ -199,11 +203,13 @@ TEST_CASE("loop sensitivities by dual numbers and by CVODES agree") {
     }
     return largest;
   };
-  const double diode = compare_at("wiggers-healthy-0d", 2.5e-4, 1e-10);
-  INFO(diode);
+  const double diode = compare_at("wiggers-healthy-0d", 2.5e-4, 1e-10, false);
+  const double with_holes = compare_at("wiggers-healthy-0d", 2.5e-4, 1e-10, true);
+  INFO(diode << " " << with_holes);
+  CHECK(with_holes < 1e-5);
   CHECK(diode < 1e-5);
   // A smooth law that turns within microseconds: fixed steps see it late, their derivatives are rougher.
-  const double smooth = compare_at("baseline75", 5e-5, 1e-9);
+  const double smooth = compare_at("baseline75", 5e-5, 1e-9, false);
   INFO(smooth);
   CHECK(smooth < 1e-3);
 }
@@ -323,18 +329,23 @@ auto changed_heart(const HeartStudy& heart, const HeartState& near, const FixedP
 }  // namespace
 
 TEST_CASE("heart sensitivities agree with differences") {
-  std::vector<std::string> holes;
+  // All of a heart without shunts; of one with holes what they bring.
+  std::vector<std::string> holes, wanted;
   if (GENERATE(false, true))
-    for (std::string_view name : shunt_names)
-      holes.push_back("circulation.shunts." + std::string(name) + ".area_cm2=0.3");
+    for (std::string_view name : shunt_names) {
+      const std::string shunt = "circulation.shunts." + std::string(name);
+      holes.push_back(shunt + ".area_cm2=0.3");
+      for (const Quantity& q : shunt_quantities) wanted.push_back(shunt + "." + std::string(q.name));
+      wanted.push_back("circulation.circuit.PUL.R_AR");
+    }
   HeartStudy heart(read_scene_text(small_heart, "small heart", holes));
   LimitCycleSettings settings;
   HeartState state = heart.to_limit_cycle(settings, nullptr);
   REQUIRE(state.certificate.verdict == LimitCycleVerdict::period_1);
   const FixedPointDerivatives newton = heart.newton_at(state);
   state = heart.refined(state, newton);
-  const Sensitivities table = heart.sensitivities(state);
-  REQUIRE(table.parameters.size() >= 70 + shunt_quantities.size() * holes.size());
+  const Sensitivities table = heart.sensitivities(state, wanted);
+  REQUIRE(table.parameters.size() >= (holes.empty() ? 70 : wanted.size()));
   const Worst worst = compare(table, heart.parameters(), {1e-4, 1e-5}, changed_heart(heart, state, newton));
   INFO(worst.smooth_at << " " << worst.smooth << ", " << worst.events_at << " " << worst.events);
   CHECK(worst.smooth < 1e-5);
