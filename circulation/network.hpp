@@ -111,6 +111,8 @@ inline constexpr std::array<Branch, n_valves> valves = {{{"MV", "mitral valve", 
                                                          {"PV", "pulmonary valve", node(RV), node(AR_PUL)}}};
 inline constexpr std::array shunts = {
     Branch{"ASD", "atrial septal defect", node(LA), node(RA)},
+    Branch{"VSD", "ventricular septal defect", node(LV), node(RV)},
+    Branch{"PDA", "patent arterial duct", node(AR_SYS), node(AR_PUL)},
 };
 // --- what follows ---------------------------------------------------------------------------------------
 

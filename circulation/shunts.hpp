@@ -17,12 +17,12 @@ namespace wiggers {
 template <class P>
 struct ShuntParametersOf {
   bool present = false;
-  P area_cm2 = 1, R = 2e-3;
+  P area_cm2 = 1, R = 7.5e-3;
 };
 using ShuntParameters = ShuntParametersOf<double>;
 inline constexpr std::array shunt_quantities = {
     Quantity{"area_cm2", "cm2", 1, 1e-3, 20, "effective orifice area"},
-    Quantity{"R", "mmHg s/mL", 2e-3, 2e-4, 100, "resistance in series with the orifice"},
+    Quantity{"R", "mmHg s/mL", 7.5e-3, 2e-4, 100, "resistance in series with the orifice"},
 };
 static_assert(well_formed(shunt_quantities));
 template <class Shunt>

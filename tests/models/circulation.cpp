@@ -328,7 +328,8 @@ TEST_CASE("no eigenvalue of the loop is beyond the bound of its stiffness") {
       const double fastest = J.eigenvalues().cwiseAbs().maxCoeff(),
                    bound = fastest_rate(loop.circulation, E, g);
       CHECK(fastest <= bound * (1 + 1e-9));
-      CHECK(bound < 4 * fastest);
+      // A shunt counts with its steepest slope, wherever its pressure drop is.
+      if (!loop.circulation.has_shunts()) CHECK(bound < 4 * fastest);
     }
   }
 }

@@ -150,7 +150,7 @@ TEST_CASE("loop sensitivities agree with differences") {
   INFO(worst.smooth_at << " " << worst.smooth << ", " << worst.events_at << " " << worst.events);
   CHECK(worst.compared == parameters * 75);
   // An orifice's flow has another curvature on either side of zero: differences are then of first order only.
-  CHECK(worst.smooth < (with_shunts ? 3e-5 : 1e-5));
+  CHECK(worst.smooth < (with_shunts ? 5e-5 : 1e-5));
   CHECK(worst.events < 1e-3);
   CHECK(worst.unresolved < 2e-3);
 }
@@ -336,8 +336,8 @@ TEST_CASE("heart sensitivities agree with differences") {
       const std::string shunt = "circulation.shunts." + std::string(name);
       holes.push_back(shunt + ".area_cm2=0.3");
       for (const Quantity& q : shunt_quantities) wanted.push_back(shunt + "." + std::string(q.name));
-      wanted.push_back("circulation.circuit.PUL.R_AR");
     }
+  if (!wanted.empty()) wanted.push_back("circulation.circuit.PUL.R_AR");
   HeartStudy heart(read_scene_text(small_heart, "small heart", holes));
   LimitCycleSettings settings;
   HeartState state = heart.to_limit_cycle(settings, nullptr);
