@@ -358,23 +358,16 @@ void check_cell_name(const SettingsReader& cells, const std::string& name) {
                     cells.place(name)));
 }
 
-Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
-                const std::filesystem::path& folder) {
-  SettingsReader reader(table, name);
-  // Before anything is missed: a misspelt `base` would leave the whole scene out.
+// A misspelt table would leave its part of the scene out.
+void refuse_unknown_tables(const SettingsReader& reader, const std::string& name) {
   const std::vector<std::string> entries = {"base",        "title",       "heart",  "cells", "walls",
                                             "circulation", "pericardium", "solver", "run",   "body"};
   for (const std::string& key : reader.keys())
     if (std::find(entries.begin(), entries.end(), key) == entries.end())
       refuse_unknown(fmt::format("key of {}", name), key, entries);
-  Scene scene;
-  scene.folder = folder;
-  scene.title = reader.text("title", name);
-  SettingsReader& heart = reader.table("heart");
-  scene.period_s = heart.number(period_quantity);
-  scene.body_surface_area_m2 = heart.number(scene_keys::body_surface_area);
+}
 
-  SettingsReader& cells = reader.table("cells");
+void read_all_cells(SettingsReader& cells, const SettingsReader& heart, Scene& scene) {
   for (const std::string& key : cells.keys()) {
     check_cell_name(cells, key);
     CellType cell = read_cells(cells.table(key), key);
@@ -383,35 +376,25 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
                                    heart.place("period_s"), scene.period_s, cell.stimulus.duration_ms));
     scene.cells.emplace(key, std::move(cell));
   }
+}
 
-  if (reader.has("body")) {
-    read_body(reader, scene);
-    reader.finish();
-    scene.text = full_text(reader, scene);
-    return scene;
-  }
-
-  SettingsReader& walls = reader.table("walls");
-  read_walls(walls, scene);
-  leave_out_unused_cells(scene);
-
-  SettingsReader& circulation = reader.table("circulation");
+void read_circulation_of(SettingsReader& circulation, Scene& scene) {
   const std::string set = circulation.choice("parameters", "fedele2023", circulation_set_names(false),
                                              "circulation parameter set");
   scene.circulation = find_circulation_set(set).loop.circulation;
   read_circulation(circulation, scene.circulation);
   scene.initial =
       read_initial(circulation.table("initial"), scene.circulation, find_circulation_set(set).loop.initial);
+}
 
-  SettingsReader& bag = reader.table("pericardium");
+void read_pericardium(SettingsReader& bag, Scene& scene) {
   scene.pericardium.pressure_mmHg = bag.number(scene_keys::bag_pressure);
   scene.pericardium.reference_volume_mL = bag.number(scene_keys::bag_volume);
   scene.pericardium.exponent = bag.number(scene_keys::bag_exponent);
+}
 
-  SettingsReader& solver = reader.table("solver");
-  const std::vector<std::string> schemes = {"staggered"};
-  solver.choice("scheme", schemes[0], schemes, "scheme");
-  scene.dt_s = solver.number(scene_keys::dt);
+// Steps divide the period, and explicit parts of the circulation are stable at their length.
+void check_steps(const SettingsReader& solver, const Scene& scene) {
   const double steps = scene.period_s / scene.dt_s;
   if (std::abs(steps - std::round(steps)) > 1e-6 * steps || steps < 10)
     throw InputError(
@@ -419,21 +402,6 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
                     "nearest that does is {:.6g} s",
                     solver.place("dt_s"), scene.dt_s, scene.period_s,
                     scene.period_s / std::max(10.0, std::round(steps))));
-  read_cell_solver(solver, scene);
-  const bool regulation_named = solver.has("regulation");
-  const std::string regulation =
-      solver.choice("regulation", regulation_scheme_names[1], as_strings(regulation_scheme_names),
-                    "scheme of the regulatory units");
-  scene.regulation =
-      regulation == regulation_scheme_names[0] ? RegulationScheme::midpoint : RegulationScheme::forward_euler;
-  scene.regulatory_substep_us = solver.number(scene_keys::ru_substep);
-  const std::string rate = solver.choice("stretch_rate", rate_scheme_names[1], as_strings(rate_scheme_names),
-                                         "stretch-rate scheme");
-  for (std::size_t k = 0; k < rate_scheme_names.size(); ++k)
-    if (rate == rate_scheme_names[k]) scene.rate = static_cast<RateScheme>(k);
-  const std::vector<std::string> inductors = {"explicit", "implicit"};
-  scene.implicit_inductors =
-      solver.choice("inductors", inductors[0], inductors, "treatment of the inductors") == inductors[1];
   const double bound = largest_explicit_step(scene.circulation);
   if (!scene.implicit_inductors && scene.dt_s > bound)
     throw InputError(
@@ -449,11 +417,40 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
         "outlet valve and artery); the nearest step that works is {:.6g} s",
         solver.place("dt_s"), scene.dt_s, 1e3 * arterial,
         scene.period_s / std::ceil(scene.period_s / arterial)));
+}
+
+void read_solver(SettingsReader& solver, Scene& scene) {
+  const std::vector<std::string> schemes = {"staggered"};
+  solver.choice("scheme", schemes[0], schemes, "scheme");
+  scene.dt_s = solver.number(scene_keys::dt);
+  read_cell_solver(solver, scene);
+  const bool regulation_named = solver.has("regulation");
+  const std::string regulation =
+      solver.choice("regulation", regulation_scheme_names[1], as_strings(regulation_scheme_names),
+                    "scheme of the regulatory units");
+  scene.regulation =
+      regulation == regulation_scheme_names[0] ? RegulationScheme::midpoint : RegulationScheme::forward_euler;
+  scene.regulatory_substep_us = solver.number(scene_keys::ru_substep);
+  const std::string rate = solver.choice("stretch_rate", rate_scheme_names[1], as_strings(rate_scheme_names),
+                                         "stretch-rate scheme");
+  for (std::size_t k = 0; k < rate_scheme_names.size(); ++k)
+    if (rate == rate_scheme_names[k]) scene.rate = static_cast<RateScheme>(k);
+  const std::vector<std::string> inductors = {"explicit", "implicit"};
+  scene.implicit_inductors =
+      solver.choice("inductors", inductors[0], inductors, "treatment of the inductors") == inductors[1];
   SettingsReader& stabilise = solver.table("stabilise");
   scene.stabilise_active_stress = stabilise.flag("active_stress", true);
   scene.stabilise_volumes = stabilise.flag("volumes", true);
+  check_steps(solver, scene);
+  for (const WallPlan& wall : scene.walls)
+    if (wall.recipe->in_space() && regulation_named && scene.regulation == RegulationScheme::forward_euler)
+      scene.warnings.push_back(
+          fmt::format("walls.{} steps its regulatory units by the frozen-midpoint rule, whatever "
+                      "solver.regulation says",
+                      wall.name));
+}
 
-  SettingsReader& run = reader.table("run");
+void read_run(SettingsReader& run, Scene& scene) {
   const std::vector<std::string> ends = {"limit-cycle", "beats"};
   const bool counted = run.has("beats");
   if (counted && run.is_text("until") && run.text("until", "") == "limit-cycle")
@@ -475,13 +472,10 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
       scene.stop_after_ms = run.number(scene_keys::stop_after);
       break;
     }
-  reader.finish();
-  for (const WallPlan& wall : scene.walls)
-    if (wall.recipe->in_space() && regulation_named && scene.regulation == RegulationScheme::forward_euler)
-      scene.warnings.push_back(
-          fmt::format("walls.{} steps its regulatory units by the frozen-midpoint rule, whatever "
-                      "solver.regulation says",
-                      wall.name));
+}
+
+// How every piece of wall steps its fibres.
+void schedule_fibres(Scene& scene) {
   const double substep_s = scene.regulatory_substep_us * 1e-6;
   for (WallPlan& wall : scene.walls)
     for (FibrePlan& fibre : wall.fibres) {
@@ -490,6 +484,31 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
                                scene.rate};
       fibre.settings.stabilise = scene.stabilise_active_stress;
     }
+}
+
+Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
+                const std::filesystem::path& folder) {
+  SettingsReader reader(table, name);
+  refuse_unknown_tables(reader, name);
+  Scene scene;
+  scene.folder = folder;
+  scene.title = reader.text("title", name);
+  SettingsReader& heart = reader.table("heart");
+  scene.period_s = heart.number(period_quantity);
+  scene.body_surface_area_m2 = heart.number(scene_keys::body_surface_area);
+  read_all_cells(reader.table("cells"), heart, scene);
+  if (reader.has("body")) {
+    read_body(reader, scene);
+  } else {
+    read_walls(reader.table("walls"), scene);
+    leave_out_unused_cells(scene);
+    read_circulation_of(reader.table("circulation"), scene);
+    read_pericardium(reader.table("pericardium"), scene);
+    read_solver(reader.table("solver"), scene);
+    read_run(reader.table("run"), scene);
+    schedule_fibres(scene);
+  }
+  reader.finish();
   scene.text = full_text(reader, scene);
   return scene;
 }
