@@ -58,6 +58,8 @@ class HeartRun {
   BeatIndexes indexes() const;
 
  private:
+  class Advance;  // one call of advance(): advance.cpp
+
   void build();
   ActiveFibre make_fibre(const FibrePlan& plan, double activation_ms, double strength_kPa,
                          const std::string& place) const;
@@ -79,7 +81,9 @@ class HeartRun {
   double initial_volume_ = 0;
   double volume_drift_ = 0;
   bool complete_ = false;
-  bool in_space_ = false;
+  // Beats are saved on the way, at moments of the model's time, and a failure goes back to there; else a beat
+  // is the unit, and an extrapolated start that fails is given up for a plain one.
+  bool long_beats_ = false;
   std::unique_ptr<BeatUnderWay> beat_;  // null between beats
   CirculationValues beat_start_{};
   std::map<std::string, std::map<std::string, WallFigure>> wall_figures_;
