@@ -37,7 +37,7 @@ class Result:
             self.volume = {c: file[f"cavities/{c}/volume"][:] for c in CHAMBERS}
             self.pressure = {c: file[f"cavities/{c}/pressure"][:] for c in CHAMBERS}
             self.flow = {v: file[f"valves/{v}/flow"][:] for v in VALVES}
-            self.ends = {v: [file[f"valves/{v}/{end}"][()].decode() for end in ("from", "to")] for v in VALVES}
+            self.ends = {v: [file[f"network/{v}/{end}"][()].decode() for end in ("from", "to")] for v in VALVES}
             self.circulation = {name: data[:] for name, data in file["circulation"].items()}
             self.cells, self.cell_units = {}, {}
             for chamber, group in file.get("cells", {}).items():

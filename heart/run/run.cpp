@@ -244,7 +244,7 @@ void HeartRun::write_file(const std::filesystem::path& path, const std::vector<d
     for (const Column& column : trace_.columns)
       file.dataset(place_of(column.name), column.values, column.unit, column.meaning);
   for (const network::Branch& valve : network::valves) {
-    const std::string group = fmt::format("/valves/{}", valve.name);
+    const std::string group = fmt::format("/network/{}", valve.name);
     file.text(group + "/from", std::string(network::node_name(valve.from)));
     file.text(group + "/to", std::string(network::node_name(valve.to)));
   }

@@ -214,7 +214,7 @@ def test_result_file_is_described(wiggers, tmp_path):
         assert set(file["phases/left"]) == {"AC", "IVC", "VE", "IVR", "VPF"}
 
         def described(name, item):
-            if isinstance(item, h5py.Dataset) and not name.startswith(("provenance", "summary", "limit_cycle/verdict")):
+            if isinstance(item, h5py.Dataset) and not name.startswith(("provenance", "network", "summary", "limit_cycle/verdict")):
                 assert item.attrs["unit"] and item.attrs["meaning"], name
 
         file.visititems(described)
