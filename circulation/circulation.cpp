@@ -30,18 +30,6 @@ double largest_explicit_step(const CirculationParameters& c) {
   return step;
 }
 
-double largest_arterial_step(const CirculationParameters& c) {
-  double step = 1e9;
-  const auto consider = [&](int n, double R) {
-    if (n >= n_chambers) step = std::min(step, 2 * (R * c.vessels[n - n_chambers].C));
-  };
-  for (int v = 0; v < n_valves; ++v) consider(network::valves[v].to, c.valves[v].Rmin);
-  for (int s = 0; s < n_shunts; ++s)
-    if (c.shunts[s].present)
-      for (int end : {network::shunts[s].from, network::shunts[s].to}) consider(end, c.shunts[s].R);
-  return step;
-}
-
 void check_elastance(const ElastanceParameters& e, double period, const char* place) {
   if (e.TC + e.TR > period * (1 + 1e-12))
     throw InputError(

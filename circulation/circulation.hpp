@@ -142,7 +142,5 @@ double dissipated_power(const CirculationParameters& c, const double* y, const d
 
 // Explicit Euler of a vessel's outlet is stable for steps below 2 L/R; the smallest (s).
 double largest_explicit_step(const CirculationParameters& c);
-// The same for the vessels that an open valve or a shunt fills: below 2 R C (s).
-double largest_arterial_step(const CirculationParameters& c);
 
 }  // namespace wiggers

@@ -109,7 +109,7 @@ std::vector<std::string> circulation_set_names(bool with_elastances);
 void read_circulation(SettingsReader& reader, CirculationParameters& parameters);
 // One chamber's elastance table.
 ElastanceParameters read_elastance(SettingsReader& table, const ElastanceParameters& defaults);
-// The initial state: twelve values by name; total_volume may stand for p_VEN_SYS.
+// The initial state: its values by name; total_volume may stand for the reservoir's pressure.
 CirculationValues read_initial(SettingsReader& table, const CirculationParameters& parameters,
                                const CirculationValues& defaults);
 // A whole loop file. Keys absent take the values of the set `parameters` (default: wiggers-healthy-0d).

@@ -99,6 +99,7 @@ void read_circulation(SettingsReader& reader, CirculationParameters& parameters)
   for (int s = 0; reader.has("shunts") && s < n_shunts; ++s) {
     SettingsReader& named = reader.table("shunts");
     if (!named.has(shunt_names[s])) continue;
+    if (named.is_flag(shunt_names[s]) && !named.flag(shunt_names[s], false)) continue;  // closed
     parameters.shunts[s].present = true;
     read_numbers(named.table(shunt_names[s]), shunt_quantities, fields_of(parameters.shunts[s]));
   }

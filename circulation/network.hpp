@@ -11,12 +11,14 @@
 // the tables here, unrolled while compiling.
 //
 // To add
-//   a shunt or a pump: its line in `shunts`.
-//   a vessel: its line in `vessels` and in `Vessel`, and its numbers in the sets (loop_sets.cpp). Every loop
-//     then has it.
+//   a shunt: its line in `shunts`.
+//   a vessel: its enumerator in `Vessel` and its line in `vessels`, where the outlet of the vessel before it
+//     now leads to it; quantities with names of its own, if its circuit has vessels of its kind; and its
+//     numbers in every set of loop_sets.cpp, which asks for them. Every loop then has it.
 #pragma once
 
 #include <array>
+#include <span>
 #include <string_view>
 #include <type_traits>
 #include <utility>
@@ -32,14 +34,9 @@ enum CircuitIndex { SYS, PUL };
 
 // The circulation's state: volumes of the chambers, pressures of the vessels, flows out of the vessels. The
 // first state of node n stands at place n.
-inline constexpr int n_chambers = 4, n_vessels = 4, n_valves = 4;
-inline constexpr int n_nodes = n_chambers + n_vessels;
-inline constexpr int n_circulation_states = n_nodes + n_vessels;
+inline constexpr int n_chambers = 4;
 constexpr int node(Chamber c) { return c; }
 constexpr int node(Vessel v) { return n_chambers + v; }
-constexpr int volume_of(Chamber c) { return c; }
-constexpr int pressure_of(Vessel v) { return n_chambers + v; }
-constexpr int flow_of(Vessel v) { return n_nodes + v; }
 
 inline constexpr std::array<std::string_view, 2> circuit_names = {"SYS", "PUL"};
 
@@ -75,46 +72,62 @@ struct VesselEntry {
   Quantity pressure, flow;      // states
   int outlet;                   // node
 };
-inline constexpr std::array<VesselEntry, n_vessels> vessels = {
-    {{"AR_SYS",
-      SYS,
-      arterial_quantities,
-      {"p_AR_SYS", "mmHg", 80, -60, 500, "systemic arterial pressure"},
-      {"Q_AR_SYS", "mL/s", 0, -5000, 5000, "systemic arterial flow"},
-      node(VEN_SYS)},
-     {"VEN_SYS",
-      SYS,
-      venous_quantities,
-      {"p_VEN_SYS", "mmHg", 28, -60, 500, "systemic venous pressure"},
-      {"Q_VEN_SYS", "mL/s", 0, -5000, 5000, "systemic venous flow, into the right atrium"},
-      node(RA)},
-     {"AR_PUL",
-      PUL,
-      arterial_quantities,
-      {"p_AR_PUL", "mmHg", 18, -60, 500, "pulmonary arterial pressure"},
-      {"Q_AR_PUL", "mL/s", 0, -5000, 5000, "pulmonary arterial flow"},
-      node(VEN_PUL)},
-     {"VEN_PUL",
-      PUL,
-      venous_quantities,
-      {"p_VEN_PUL", "mmHg", 12, -60, 500, "pulmonary venous pressure"},
-      {"Q_VEN_PUL", "mL/s", 0, -5000, 5000, "pulmonary venous flow, into the left atrium"},
-      node(LA)}}};
+inline constexpr std::array vessels = {
+    VesselEntry{"AR_SYS",
+                SYS,
+                arterial_quantities,
+                {"p_AR_SYS", "mmHg", 80, -60, 500, "systemic arterial pressure"},
+                {"Q_AR_SYS", "mL/s", 0, -5000, 5000, "systemic arterial flow"},
+                node(VEN_SYS)},
+    VesselEntry{"VEN_SYS",
+                SYS,
+                venous_quantities,
+                {"p_VEN_SYS", "mmHg", 28, -60, 500, "systemic venous pressure"},
+                {"Q_VEN_SYS", "mL/s", 0, -5000, 5000, "systemic venous flow, into the right atrium"},
+                node(RA)},
+    VesselEntry{"AR_PUL",
+                PUL,
+                arterial_quantities,
+                {"p_AR_PUL", "mmHg", 18, -60, 500, "pulmonary arterial pressure"},
+                {"Q_AR_PUL", "mL/s", 0, -5000, 5000, "pulmonary arterial flow"},
+                node(VEN_PUL)},
+    VesselEntry{"VEN_PUL",
+                PUL,
+                venous_quantities,
+                {"p_VEN_PUL", "mmHg", 12, -60, 500, "pulmonary venous pressure"},
+                {"Q_VEN_PUL", "mL/s", 0, -5000, 5000, "pulmonary venous flow, into the left atrium"},
+                node(LA)}};
 
 struct Branch {
   std::string_view name, meaning;
   int from, to;  // nodes
 };
-inline constexpr std::array<Branch, n_valves> valves = {{{"MV", "mitral valve", node(LA), node(LV)},
-                                                         {"AV", "aortic valve", node(LV), node(AR_SYS)},
-                                                         {"TV", "tricuspid valve", node(RA), node(RV)},
-                                                         {"PV", "pulmonary valve", node(RV), node(AR_PUL)}}};
+inline constexpr std::array valves = {
+    Branch{"MV", "mitral valve", node(LA), node(LV)},
+    Branch{"AV", "aortic valve", node(LV), node(AR_SYS)},
+    Branch{"TV", "tricuspid valve", node(RA), node(RV)},
+    Branch{"PV", "pulmonary valve", node(RV), node(AR_PUL)},
+};
 inline constexpr std::array shunts = {
     Branch{"ASD", "atrial septal defect", node(LA), node(RA)},
     Branch{"VSD", "ventricular septal defect", node(LV), node(RV)},
     Branch{"PDA", "patent arterial duct", node(AR_SYS), node(AR_PUL)},
 };
+
+}  // namespace network
+
 // --- what follows ---------------------------------------------------------------------------------------
+
+inline constexpr int n_vessels = static_cast<int>(network::vessels.size());
+inline constexpr int n_valves = static_cast<int>(network::valves.size());
+inline constexpr int n_shunts = static_cast<int>(network::shunts.size());
+inline constexpr int n_nodes = n_chambers + n_vessels;
+inline constexpr int n_circulation_states = n_nodes + n_vessels;
+constexpr int volume_of(Chamber c) { return c; }
+constexpr int pressure_of(Vessel v) { return n_chambers + v; }
+constexpr int flow_of(Vessel v) { return n_nodes + v; }
+
+namespace network {
 
 template <auto& entries, class E>
 consteval bool named_by() {
@@ -144,6 +157,12 @@ consteval auto states() {
     list[static_cast<std::size_t>(n_nodes + v)] = vessels[v].flow;
   }
   return list;
+}
+
+constexpr bool at_valve(int n) {
+  for (const Branch& valve : valves)
+    if (valve.from == n || valve.to == n) return true;
+  return false;
 }
 
 // Calls f with 0 to n - 1 as constants.
@@ -179,6 +198,32 @@ consteval Junction junction(int at) {
   for (int v = 0; v < n_vessels; ++v) add(n_chambers + v, n_valves + v);
   return j;
 }
+// Names are keys in files and columns in tables.
+consteval bool distinct() {
+  const auto taken = [](std::string_view name, std::size_t& count) {
+    for (const Branch& valve : valves) count += valve.name == name;
+    for (const Branch& shunt : shunts) count += shunt.name == name;
+    for (const VesselEntry& vessel : vessels) count += vessel.name == name;
+    return count != 1;
+  };
+  for (const auto& list : {std::span<const Branch>(valves), std::span<const Branch>(shunts)})
+    for (const Branch& branch : list) {
+      std::size_t count = 0;
+      if (taken(branch.name, count) || branch.from == branch.to) return false;
+    }
+  for (const VesselEntry& vessel : vessels) {
+    std::size_t count = 0;
+    if (taken(vessel.name, count)) return false;
+    for (const VesselEntry& other : vessels)
+      for (const Quantity& a : vessel.quantities)
+        for (const Quantity& b : other.quantities)
+          if (vessel.name != other.name && vessel.circuit == other.circuit && a.name == b.name) return false;
+  }
+  return true;
+}
+static_assert(distinct(),
+              "valves, vessels and shunts need names of their own, vessels of a circuit also "
+              "quantities of their own names, and a branch two ends");
 consteval bool closed() {
   for (int n = 0; n < n_nodes; ++n) {
     const Junction j = junction(n);
@@ -208,7 +253,6 @@ template <int at, int first, class T, class Y>
 }
 }  // namespace network
 
-inline constexpr int n_shunts = static_cast<int>(network::shunts.size());
 inline constexpr Vessel reservoir = VEN_SYS;  // its pressure makes up for a given blood volume
 inline constexpr auto chamber_names = network::names_of(network::chambers);
 inline constexpr auto valve_names = network::names_of(network::valves);

@@ -44,8 +44,8 @@ class PhysicalSense {
   void see(double t_s, const double* y, const double* p, const std::array<double, n_valves>& Q) {
     using namespace physical_sense;
     bool inside = true;
-    for (int c = 0; c < n_chambers; ++c)
-      inside = inside && keeps(volume, y[c]) && keeps(pressure, p[c]) && keeps(flow, Q[c]);
+    for (int c = 0; c < n_chambers; ++c) inside = inside && keeps(volume, y[c]) && keeps(pressure, p[c]);
+    for (int v = 0; v < n_valves; ++v) inside = inside && keeps(flow, Q[v]);
     for (int k = n_chambers; k < n_nodes; ++k) inside = inside && keeps(pressure, y[k]);
     for (int k = n_nodes; k < n_circulation_states; ++k) inside = inside && keeps(flow, y[k]);
     if (!inside) name(t_s, y, p, Q);

@@ -1,10 +1,9 @@
 // Shunts: holes and ducts that join two nodes of the circulation beside the valves. mmHg, mL, s, cm2.
 //
-//   p1 - p2 = R Q + 4 (Q/(100 A))^2 sign(Q):   a resistance, and the orifice whose jet of v m/s has a
-//   gradient
-//                                              of 4 v^2 mmHg (the simplified Bernoulli equation); A:
-//                                              effective orifice area
+//   p1 - p2 = R Q + 4 (Q/(100 A))^2 sign(Q)
 //
+// a resistance, and the orifice of effective area A whose jet of v m/s has a gradient of 4 v^2 mmHg (the
+// simplified Bernoulli equation),
 // solved for Q. The resistance keeps the flow's slope finite where it turns: dQ/d(p1 - p2) <= 1/R.
 #pragma once
 

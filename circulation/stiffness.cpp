@@ -4,6 +4,7 @@
 #include <cmath>
 #include <wiggers/circulation/stiffness.hpp>
 #include <wiggers/core/dual.hpp>
+#include <wiggers/core/errors.hpp>
 
 namespace wiggers {
 
@@ -46,6 +47,10 @@ ValveConductances steepest_conductances(const CirculationParameters& c) {
         const auto dp = Dual<1>::variable(sign * drop, 0);
         const auto Q =
             valve_flow<Dual<1>, double>(c.valve_law, c.valves[v], c.tanh_steepness, dp, Dual<1>(0.0));
+        if (!std::isfinite(Q.derivative[0]))
+          throw NumericalFailure(
+              fmt::format("valve law {} has no derivative at a pressure drop of {:.3g} mmHg",
+                          valve_law_names[static_cast<std::size_t>(c.valve_law)], sign * drop));
         steepest[v] = std::max(steepest[v], Q.derivative[0]);
       }
   }
@@ -98,6 +103,29 @@ std::string stiffest_branch(const CirculationParameters& c, const ChamberElastan
                          vessel.R, vessel.L));
   }
   return name;
+}
+
+FillingLimit largest_filling_step(const CirculationParameters& c) {
+  const auto e = node_stiffness(c, {});  // chambers: none
+  ValveConductances open;
+  for (int v = 0; v < n_valves; ++v) open[v] = 1 / c.valves[v].Rmin;
+  std::array<double, n_nodes> rate{}, largest{};
+  std::array<std::string, n_nodes> by;
+  for_each_conductance(c, open, [&](const network::Branch& branch, double g, const auto& description) {
+    const double across = std::sqrt(e[branch.from] * e[branch.to]);
+    for (int end : {branch.from, branch.to}) {
+      const double adds = g * (e[end] + across);
+      rate[end] += adds;
+      if (adds > largest[end]) {
+        largest[end] = adds;
+        by[end] = description();
+      }
+    }
+  });
+  FillingLimit limit;
+  for (int n = n_chambers; n < n_nodes; ++n)
+    if (rate[n] > 0 && 2 / rate[n] < limit.step_s) limit = {2 / rate[n], by[n]};
+  return limit;
 }
 
 }  // namespace wiggers

@@ -24,4 +24,12 @@ double fastest_rate(const CirculationParameters& c, const ChamberElastances& E, 
 std::string stiffest_branch(const CirculationParameters& c, const ChamberElastances& E,
                             const ValveConductances& g);
 
+// Explicit Euler of the vessels that open valves and shunts fill (2 R C of one valve and one vessel): the
+// largest stable step, where chambers follow implicitly, and the branch that bounds it.
+struct FillingLimit {
+  double step_s = 1e9;
+  std::string branch;
+};
+FillingLimit largest_filling_step(const CirculationParameters& c);
+
 }  // namespace wiggers

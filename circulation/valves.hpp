@@ -11,12 +11,12 @@
 //
 // To add a law: a struct like those below and its entry in `ValveLaws`.
 //   name           as files say it
-//   has_kink       the resistance jumps where p1 = p2 (the flow is continuous there). Integrators then stop
-//   at
-//                  that instant, and the struct has, in place of flow, resistance(valve, open): where the
+//   has_kink       the resistance jumps where p1 = p2 (the flow is continuous there). Integrators stop at
+//                  that instant; the struct has, in place of flow, resistance(valve, open): where the
 //                  resistance of that side is, nullptr where nothing flows
 //   has_steepness  the key tanh_steepness is read, and takes part in sensitivities
-//   flow           for any kind of number: dp = p1 - p2
+//   flow           for any kind of number: dp = p1 - p2; it and its derivative are finite at any drop
+// Their numbers are those of ValveParametersOf, and tanh_steepness.
 #pragma once
 
 #include <array>

@@ -176,6 +176,11 @@ bool SettingsReader::is_text(std::string_view key) const {
   const SettingsValue* value = find(key);
   return value && std::holds_alternative<std::string>(value->data);
 }
+bool SettingsReader::is_flag(std::string_view key) const {
+  asked_.insert(std::string(key));
+  const SettingsValue* value = find(key);
+  return value && std::holds_alternative<bool>(value->data);
+}
 bool SettingsReader::is_table(std::string_view key) const {
   asked_.insert(std::string(key));
   const SettingsValue* value = find(key);

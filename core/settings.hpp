@@ -47,6 +47,7 @@ class SettingsReader {
 
   bool has(std::string_view key) const;
   bool is_text(std::string_view key) const;
+  bool is_flag(std::string_view key) const;  // true or false
   bool is_table(std::string_view key) const;
 
   double number(const Quantity& quantity);                        // its default where absent

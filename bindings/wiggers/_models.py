@@ -289,8 +289,8 @@ class Loop(_Equations):
 
     def run(self, beats: int = 1, start: State | NotGiven = not_given, *, sample_s: float = 1e-3,
             progress: Progress = None) -> Trace:
-        """A number of beats from a state (left out: the initial one); columns t_s, states, chamber pressures, valve
-        flows. p_VEN_SYS of the start is moved so that the blood volume is this loop's. trace.end_state continues it."""
+        """A number of beats from a state (left out: the initial one); columns t_s, states, chamber pressures, flows of
+        valves and shunts. p_VEN_SYS of the start is moved so that the blood volume is this loop's. trace.end_state continues it."""
         first = self.initial_state if start is not_given else _state(start, "start")
         with showing(progress, "loop: beats") as bar:
             columns, end = self._core.run(first, whole(beats, "beats", 1, MOST_BEATS), real(sample_s, "sample_s"),

@@ -124,7 +124,7 @@ void add_loop(CLI::App& app) {
     summary.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     progress.finish(fmt::format("{} beats", summary.beats));
 
-    fmt::print("{}\n", index_table(summary.indexes, 1.9));
+    fmt::print("{}\n{}", index_table(summary.indexes, 1.9), shunt_lines(summary.trace));
     if (to_cycle)
       fmt::print("limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
                  summary.certificate.text_with_warnings(), summary.certificate.distance,

@@ -47,7 +47,8 @@ void run_monolithic(const Scene& scene, const Options& o) {
   const BeatIndexes indexes = compute_indexes(beat, atrial_activations_s(scene));
   if (certificate.good()) certificate.warnings = verdict_warnings(beat, indexes);
   progress.finish();
-  fmt::print("{}\n\n{}\n", scene.title, index_table(indexes, scene.body_surface_area_m2));
+  fmt::print("{}\n\n{}\n{}", scene.title, index_table(indexes, scene.body_surface_area_m2),
+             shunt_lines(beat));
   fmt::print(
       "monolithic by {}; limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
       heart.uses_ida() ? "IDA" : "CVODE", certificate.text_with_warnings(), certificate.distance,
@@ -135,7 +136,8 @@ void add_run(CLI::App& app) {
     for (const std::string& warning : run.scene().warnings) fmt::print("note: {}\n", warning);
     fmt::print("{}\n", run.scene().title);
     if (run.has_whole_beat())
-      fmt::print("\n{}\n", index_table(run.indexes(), run.scene().body_surface_area_m2));
+      fmt::print("\n{}\n{}", index_table(run.indexes(), run.scene().body_surface_area_m2),
+                 shunt_lines(run.trace()));
     const auto& certificate = run.certificate();
     fmt::print("limit cycle: {}, distance {:.1e} after {} beats (leading multiplier {:.3f})\n",
                certificate.text_with_warnings(), certificate.distance, certificate.beats,

@@ -14,9 +14,11 @@ BeatIndexes compute_indexes(const Table& table, const AtrialActivations& atrial_
     trace.p[c] = table.at(fmt::format("p_{}", chamber_names[c])).values;
   }
   for (int v = 0; v < n_valves; ++v) trace.Q[v] = table.at(fmt::format("Q_{}", valve_names[v])).values;
-  for (const network::Branch& valve : network::valves)
-    if (valve.to >= n_chambers)
-      trace.p[valve.to] = table.at(circulation_state_quantities[valve.to].name).values;
+  for (int n = n_chambers; n < n_nodes; ++n)
+    if (network::at_valve(n)) trace.p[n] = table.at(circulation_state_quantities[n].name).values;
+  for (int s = 0; s < n_shunts; ++s)
+    for (const Column& column : table.columns)
+      if (column.name == fmt::format("Q_{}", shunt_names[s])) trace.shunts[s] = column.values;
   return compute_indexes_of(trace, atrial_activation, debounce);
 }
 

@@ -13,7 +13,7 @@
 #include <string>
 #include <string_view>
 #include <vector>
-#include <wiggers/circulation/network.hpp>
+#include <wiggers/circulation/circulation.hpp>
 #include <wiggers/core/table.hpp>
 
 namespace wiggers {
@@ -147,19 +147,22 @@ struct BeatTraceOf {
   std::array<std::vector<T>, n_chambers> V;
   std::array<std::vector<T>, n_nodes> p;  // of chambers, and of vessels at valves
   std::array<std::vector<T>, n_valves> Q;
-  bool with_middles = false;  // every second row is the middle of a step
+  std::array<std::vector<T>, n_shunts> shunts;  // flows; empty where absent
+  bool with_middles = false;                    // every second row is the middle of a step
 
   void clear() { *this = {}; }
   // y: the circulation's states.
-  void append(const T& time, const T* y, const T* pressures, const std::array<T, n_valves>& flows) {
+  void append(const CirculationParametersOf<T>& c, const T& time, const T* y, const T* pressures,
+              const std::array<T, n_valves>& flows) {
     t.push_back(time);
     for (int c = 0; c < n_chambers; ++c) {
       V[c].push_back(y[c]);
       p[c].push_back(pressures[c]);
     }
     for (int v = 0; v < n_valves; ++v) Q[v].push_back(flows[v]);
-    for (const network::Branch& valve : network::valves)
-      if (valve.to >= n_chambers) p[valve.to].push_back(y[valve.to]);
+    for (int n = n_chambers; n < n_nodes; ++n)
+      if (network::at_valve(n)) p[n].push_back(y[n]);
+    for_each_shunt_flow(c, pressures, y, [&](int s, const T& flow) { shunts[s].push_back(flow); });
   }
 };
 

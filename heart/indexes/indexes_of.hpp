@@ -346,12 +346,31 @@ BeatIndexesOf<T> compute_indexes_of(const BeatTraceOf<T>& trace,
   r.pulmonary_artery = artery(trace.p[network::valves[PV].to]);
   const T mean_flow = (r.valve[AV].forward_volume_mL - r.valve[AV].backward_volume_mL) / period;
   r.cardiac_output_L_per_min = mean_flow * units::L_per_min_from_mL_per_s;
-  if (mean_flow > 0.0) {
+  // What an artery passes on: what its valve gives, and shunts.
+  const auto passes = [&](int artery) {
+    T volume(0.0);
+    for (int v = 0; v < n_valves; ++v)
+      if (network::valves[v].to == artery)
+        volume += r.valve[v].forward_volume_mL - r.valve[v].backward_volume_mL;
+    for (int s = 0; s < n_shunts; ++s) {
+      if (trace.shunts[s].empty()) continue;
+      const T through = integral(rows, trace.shunts[s]);
+      if (network::shunts[s].to == artery) volume += through;
+      if (network::shunts[s].from == artery) volume -= through;
+    }
+    return T(volume / period);
+  };
+  const bool has_shunts = std::any_of(trace.shunts.begin(), trace.shunts.end(),
+                                      [](const Series<T>& flow) { return !flow.empty(); });
+  // Without shunts both sides carry the same; the aortic valve's flow stands for both.
+  const T body = has_shunts ? passes(network::valves[AV].to) : mean_flow;
+  const T lungs = has_shunts ? passes(network::valves[PV].to) : mean_flow;
+  if (body > 0.0)
     r.systemic_resistance_mmHg_s_per_mL =
-        (r.aorta.pressure_mean_mmHg - r.atrium[1].pressure_mean_mmHg) / mean_flow;
+        (r.aorta.pressure_mean_mmHg - r.atrium[1].pressure_mean_mmHg) / body;
+  if (lungs > 0.0)
     r.pulmonary_resistance_mmHg_s_per_mL =
-        (r.pulmonary_artery.pressure_mean_mmHg - r.atrium[0].pressure_mean_mmHg) / mean_flow;
-  }
+        (r.pulmonary_artery.pressure_mean_mmHg - r.atrium[0].pressure_mean_mmHg) / lungs;
   return r;
 }
 

@@ -18,8 +18,8 @@ class HeartRun::Advance {
   Advance(HeartRun& run, Progress::Style style, const std::optional<std::filesystem::path>& result)
       : run_(run), result_(result), cost_before_(run.cost_.heart_s), progress_("heart", style) {
     if (run_.long_beats_)
-      steps_per_checkpoint_ = std::max(
-          1L, std::lround(run_.scene_.checkpoint_every_ms * units::s_per_ms / run_.scene_.dt_s));
+      steps_per_checkpoint_ =
+          std::max(1L, std::lround(run_.scene_.checkpoint_every_ms * units::s_per_ms / run_.scene_.dt_s));
   }
 
   void to_the_end() {
@@ -82,8 +82,8 @@ class HeartRun::Advance {
                                   run_.time_s(), result_->string()));
   }
 
-  // A run that was resumed repeats one that was not, bit for bit: also without a result to write, what goes on
-  // is what was saved.
+  // A run that was resumed repeats one that was not, bit for bit: also without a result to write, what goes
+  // on is what was saved.
   void save_on_the_way() {
     if (result_)
       run_.checkpoint(*result_);
@@ -183,10 +183,9 @@ class HeartRun::Advance {
   void judge() {
     LimitCycleCertificate& certificate = run_.certificate_;
     if (!run_.scene_.until_limit_cycle)
-      certificate.verdict =
-          certificate.beats >= 3 && certificate.distance <= run_.scene_.limit_cycle.distance
-              ? LimitCycleVerdict::period_1
-              : LimitCycleVerdict::not_converged;
+      certificate.verdict = certificate.beats >= 3 && certificate.distance <= run_.scene_.limit_cycle.distance
+                                ? LimitCycleVerdict::period_1
+                                : LimitCycleVerdict::not_converged;
     run_.complete_ = true;
     if (run_.cost_.beats > 0 || run_.beat_) {
       const PhysicalSense sense = run_.driver_->sense_of(run_.beat_ ? run_.beat_->trace : run_.trace_);

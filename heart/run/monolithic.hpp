@@ -1,7 +1,7 @@
 // The reduced heart as one system of equations: circulation, crossbridges and walls together, no staggering.
 // The reference that the staggered driver is measured against.
 //
-// Unknowns: the circulation's twelve, the force model's for every active wall, and the pressures. Calcium is
+// Unknowns: the circulation's, the force model's for every active wall, and the pressures. Calcium is
 // that of each cell on its own limit cycle (nothing feeds back to it), as a smooth function of time. Where no
 // wall is damped pressures are explicit in the volumes and CVODE integrates the rest; with wall viscosity or
 // dashpots on the epicardium they depend on the volumes' rates, and IDA integrates the differential-algebraic

@@ -56,9 +56,9 @@ double imbalance(double work, double dissipated) {
   return std::abs(work - dissipated) / std::max(1.0, std::abs(dissipated));
 }
 
-// Net volumes (mL a beat) through the shunts of a trace, from their first node to their second.
-Json shunts_json(const Table& trace) {
-  Json out = Json::object();
+// f(shunt, net volume in mL a beat from its first node to its second) for the shunts of a trace.
+template <class F>
+void for_each_shunt_volume(const Table& trace, F f) {
   const std::vector<double>& t = trace.at("t_s").values;
   for (const Column& column : trace.columns)
     for (const network::Branch& shunt : network::shunts) {
@@ -66,12 +66,27 @@ Json shunts_json(const Table& trace) {
       double volume = 0;
       for (std::size_t k = 1; k < t.size(); ++k)
         volume += 0.5 * (column.values[k] + column.values[k - 1]) * (t[k] - t[k - 1]);
-      out[std::string(shunt.name)] = {{"volume_mL", volume}};
+      f(shunt, volume);
     }
+}
+Json shunts_json(const Table& trace) {
+  Json out = Json::object();
+  for_each_shunt_volume(trace, [&](const network::Branch& shunt, double volume) {
+    out[std::string(shunt.name)] = {{"volume_mL", volume}};
+  });
   return out;
 }
 
 }  // namespace
+
+std::string shunt_lines(const Table& trace) {
+  std::string text;
+  for_each_shunt_volume(trace, [&](const network::Branch& shunt, double volume) {
+    text += fmt::format("{} ({}): {:.1f} mL a beat from {} to {}\n", shunt.name, shunt.meaning, volume,
+                        network::node_name(shunt.from), network::node_name(shunt.to));
+  });
+  return text;
+}
 
 Json summarise(const HeartRun& run) {
   Json out;

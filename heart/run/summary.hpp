@@ -39,5 +39,7 @@ void write_indexes(ResultWriter& file, const BeatIndexes& beat, double body_surf
 
 // The index table for people, with reference ranges and flags.
 std::string index_table(const BeatIndexes& beat, double body_surface_area_m2);
+// What a beat's shunts carried, a line each.
+std::string shunt_lines(const Table& trace);
 
 }  // namespace wiggers

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <wiggers/circulation/stiffness.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/indexes/indexes.hpp>
@@ -410,13 +411,14 @@ void check_steps(const SettingsReader& solver, const Scene& scene) {
                     "nearest step that works is {:.6g} s, or set {} = \"implicit\"",
                     solver.place("dt_s"), scene.dt_s, 1e3 * bound,
                     scene.period_s / std::ceil(scene.period_s / bound), solver.place("inductors")));
-  const double arterial = largest_arterial_step(scene.circulation);
-  if (scene.dt_s > arterial)
-    throw InputError(fmt::format(
-        "{} = {} s: the arteries are filled explicitly, which is stable below {:.3g} ms (2 Rmin C_AR of the "
-        "outlet valve and artery); the nearest step that works is {:.6g} s",
-        solver.place("dt_s"), scene.dt_s, 1e3 * arterial,
-        scene.period_s / std::ceil(scene.period_s / arterial)));
+  const FillingLimit filling = largest_filling_step(scene.circulation);
+  if (scene.dt_s > filling.step_s)
+    throw InputError(
+        fmt::format("{} = {} s: vessels are filled explicitly, which is stable below {:.3g} ms because of "
+                    "{}; the nearest "
+                    "step that works is {:.6g} s",
+                    solver.place("dt_s"), scene.dt_s, 1e3 * filling.step_s, filling.branch,
+                    scene.period_s / std::ceil(scene.period_s / filling.step_s)));
 }
 
 void read_solver(SettingsReader& solver, Scene& scene) {

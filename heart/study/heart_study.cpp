@@ -19,7 +19,8 @@ std::string with_total_volume(const Scene& scene) {
   std::string text = scene.text;
   const std::size_t begin = text.find(section);
   const std::size_t end = std::min(text.size(), text.find("\n[", begin + 1));
-  const std::size_t pressure = text.find("\np_VEN_SYS = ", begin);
+  const std::size_t pressure =
+      text.find(fmt::format("\n{} = ", circulation_state_quantities[pressure_of(reservoir)].name), begin);
   if (begin != std::string::npos && pressure < end) {
     const std::size_t stop = text.find('\n', pressure + 1);
     text.replace(
@@ -464,7 +465,7 @@ BeatIndexes HeartStudy::indexes(const HeartState& state) {
   heart.restore(state.driver);
   BeatTraceOf<double> trace;
   heart.beat_rows([&](const double& t) {
-    trace.append(t, heart.values().data(), heart.pressures().data(), heart.flows());
+    trace.append(heart.circulation(), t, heart.values().data(), heart.pressures().data(), heart.flows());
   });
   return compute_indexes_of(trace, atrial_activations_s(scene_), valve_debounce_s);
 }
@@ -520,7 +521,8 @@ Sensitivities HeartStudy::sensitivities(const HeartState& on_cycle, const std::v
     heart->restore(pass.state);
     BeatTraceOf<Tangent> trace;
     heart->beat_rows([&](const Tangent& t) {
-      trace.append(t, heart->values().data(), heart->pressures().data(), heart->flows());
+      trace.append(heart->circulation(), t, heart->values().data(), heart->pressures().data(),
+                   heart->flows());
     });
     std::size_t index = 0;
     for_each_index(compute_indexes_of(trace, atria, valve_debounce_s),

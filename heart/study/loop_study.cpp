@@ -45,7 +45,7 @@ BeatIndexesOf<T> indexes_of(const LoopOf<T>& loop, T* state, double dt_s) {
   trace.with_middles = true;
   LoopBeat<T, WideStep>(loop, dt_s)
       .template run<true>(state, [&](const T& t, const T* y, const T* p, const ValveStates& open) {
-        trace.append(t, y, p, flows_when(loop, open, p, y));
+        trace.append(loop.circulation, t, y, p, flows_when(loop, open, p, y));
       });
   return compute_indexes_of(trace, activations_of(loop), valve_debounce_s);
 }

@@ -7,10 +7,13 @@
 #include <map>
 #include <string>
 #include <wiggers/circulation/loop.hpp>
+#include <wiggers/circulation/stiffness.hpp>
 #include <wiggers/core/dual.hpp>
+#include <wiggers/core/errors.hpp>
 #include <wiggers/heart/run/monolithic.hpp>
 #include <wiggers/heart/run/run.hpp>
 #include <wiggers/heart/run/summary.hpp>
+#include <wiggers/heart/study/loop_study.hpp>
 
 using namespace wiggers;
 
@@ -101,6 +104,67 @@ TEST_CASE("on a limit cycle every node loses what it gains, with every shunt and
   // The body's flow is what the aorta does not lose through a duct.
   if (shunt == -1) CHECK(Qp == Approx(Qs).epsilon(1e-4));
   if (shunt >= 0) CHECK(mean(trace, "Q_AR_PUL") == Approx(mean(trace, "Q_AR_SYS") + shunted).epsilon(1e-4));
+}
+
+TEST_CASE("resistances are those of the vessels, whatever blood takes other ways") {
+  const int shunt = GENERATE(range(-1, n_shunts + 1));
+  const Loop loop = loop_with(shunt);
+  const LoopSolver solver(loop, {"runge-kutta-4", 1e-9, 1e-9, 5e-4});
+  const CirculationValues state = cycle_of(solver, 1e-9);
+  for (const BeatIndexes& b :
+       {loop_indexes(solver, state), loop_indexes(LoopSolver(loop, {"cvode", 1e-10, 1e-10, 1e-3}), state)}) {
+    const auto& vessels = loop.circulation.vessels;
+    CHECK(b.systemic_resistance_mmHg_s_per_mL ==
+          Approx(vessels[AR_SYS].R + vessels[VEN_SYS].R).epsilon(1e-4));
+    CHECK(b.pulmonary_resistance_mmHg_s_per_mL ==
+          Approx(vessels[AR_PUL].R + vessels[VEN_PUL].R).epsilon(1e-4));
+  }
+}
+
+TEST_CASE("steps are bounded by all that fills a vessel, and the branch is named") {
+  CirculationParameters c = find_circulation_set("fedele2023").loop.circulation;
+  CHECK(largest_filling_step(c).step_s == Approx(2 * 0.0075 * 1.5));
+  CHECK_THAT(largest_filling_step(c).branch, Catch::Contains("AV"));
+  c.vessels[AR_PUL].C = 1.5;
+  c.shunts[2] = {true, 20, 3.4e-4};
+  REQUIRE(network::shunts[2].name == "PDA");
+  // Two vessels joined by R swap with a rate of 2/(R C); the valve adds its own.
+  CHECK(largest_filling_step(c).step_s == Approx(2 / (2 / (3.4e-4 * 1.5) + 1 / (0.0075 * 1.5))));
+  CHECK_THAT(largest_filling_step(c).branch, Catch::Contains("PDA"));
+  CHECK_THROWS_WITH(read_scene(scenes + "whole_heart.toml",
+                               {"circulation.shunts.PDA.R=3.4e-4", "circulation.circuit.PUL.C_AR=1.5"}),
+                    Catch::Contains("shunt PDA"));
+}
+
+TEST_CASE("a shunt of a base is closed by false") {
+  const auto present = [](const std::vector<std::string>& words) {
+    return read_scene(scenes + "elastance_healthy.toml", words).circulation.has_shunts();
+  };
+  CHECK(present({"circulation.shunts.ASD.area_cm2=1"}));
+  CHECK(!present({"circulation.shunts.ASD=false"}));
+  CHECK_THROWS_WITH(present({"circulation.shunts.ASD=true"}), Catch::Contains("must be a table"));
+}
+
+TEST_CASE("the numbers of every set lie within their ranges") {
+  for (const CirculationSet& set : circulation_sets()) {
+    Loop loop = set.loop;
+    for_each_circulation_parameter(loop.circulation,
+                                   [&](const std::string& name, const Quantity& q, double v) {
+                                     CHECK_NOTHROW(check_range(q, v, std::string(set.name) + " " + name));
+                                   });
+  }
+}
+
+TEST_CASE("every valve law is finite with its derivative at any drop") {
+  for (int k = 0; k < n_valve_laws; ++k)
+    for (double dp : {-1e3, -10.0, -1e-6, 0.0, 1e-6, 10.0, 1e3}) {
+      const ValveParametersOf<Dual<1>> valve;
+      const auto Q = valve_flow<Dual<1>, Dual<1>>(ValveLaw{k}, valve, Dual<1>(20), Dual<1>::variable(dp, 0),
+                                                  Dual<1>(0.0));
+      INFO(valve_law_names[static_cast<std::size_t>(k)] << " " << dp);
+      CHECK(std::isfinite(Q.value));
+      CHECK(std::isfinite(Q.derivative[0]));
+    }
 }
 
 TEST_CASE("shunts: every integrator, the monolithic heart and the staggered one agree") {
