@@ -76,15 +76,26 @@ void for_each_shunt_flow(const CirculationParametersOf<P>& c, const T* p, const 
                             node_pressure(network::shunts[s].to, p, y)));
 }
 
+// Adds what shunts bring to the first `n` nodes. Apart, so that a loop without shunts does not carry it
+// along.
+template <class T, class P, class Y>
+[[gnu::noinline]] void add_shunt_flows(const CirculationParametersOf<P>& c, const T* p, const Y* y, T* rates,
+                                       int n) {
+  for_each_shunt_flow(c, p, y, [&](int s, const T& flow) {
+    const auto gains = [&](int end, const T& in) {
+      if (end < n) rates[end] += end < n_chambers ? in : T(in / c.vessels[end - n_chambers].C);
+    };
+    gains(network::shunts[s].from, T(-flow));
+    gains(network::shunts[s].to, flow);
+  });
+}
+
 // What the chambers gain (mL/s), from Q through the valves and from shunts.
 template <class T, class P, class Y>
 std::array<T, n_chambers> chamber_inflows(const CirculationParametersOf<P>& c, const T* p, const Y* y,
                                           const std::array<T, n_valves>& Q) {
   std::array<T, n_chambers> net = network::each<T, n_chambers>([&](auto n) { return net_flow<n>(Q, y); });
-  for_each_shunt_flow(c, p, y, [&](int s, const T& flow) {
-    if (network::shunts[s].from < n_chambers) net[network::shunts[s].from] -= flow;
-    if (network::shunts[s].to < n_chambers) net[network::shunts[s].to] += flow;
-  });
+  if (c.has_shunts()) add_shunt_flows(c, p, y, net.data(), n_chambers);
   return net;
 }
 
@@ -110,13 +121,7 @@ template <class T, class P>
 void circulation_rates(const CirculationParametersOf<P>& c, const T* y, const T* p,
                        const std::array<T, n_valves>& Q, T* dy) {
   rates_without_shunts(c, y, p, Q, dy);
-  for_each_shunt_flow(c, p, y, [&](int s, const T& flow) {
-    const auto gains = [&](int n, const T& in) {
-      dy[n] += n < n_chambers ? in : T(in / c.vessels[n - n_chambers].C);
-    };
-    gains(network::shunts[s].from, T(-flow));
-    gains(network::shunts[s].to, flow);
-  });
+  if (c.has_shunts()) add_shunt_flows(c, p, y, dy, n_nodes);
 }
 
 // Total stressed blood volume (mL).

@@ -34,6 +34,9 @@ void loop_rates_of(const Loop& loop, double t, const T* y, T* dy) {
   else
     rates_without_shunts<T>(loop.circulation, y, p, Q, dy);
 }
+[[gnu::flatten]] void rates_of_closed_loop(const Loop& loop, double t, const double* y, double* dy) {
+  loop_rates_of<false>(loop, t, y, dy);
+}
 template <class T>
 void loop_rates(const Loop& loop, double t, const T* y, T* dy) {
   if (loop.circulation.has_shunts())
@@ -231,12 +234,17 @@ void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table, P
 
   double t = 0;
   CirculationValues k1;
+  const bool shunts = loop_.circulation.has_shunts();
   for (double stop : stops) {
     const auto n = static_cast<long>(std::ceil((stop - t) / integrator_.dt_s * (1 - 1e-12)));
     const double h = (stop - t) / static_cast<double>(n);
     for (long step = 0; step < n; ++step) {
       if ((step & 63) == 63) check_interrupt();
-      loop_rates<double>(loop_, t + static_cast<double>(step) * h, state.data(), k1.data());
+      const double now = t + static_cast<double>(step) * h;
+      if (shunts)
+        loop_rates(loop_, now, state.data(), k1.data());
+      else
+        rates_of_closed_loop(loop_, now, state.data(), k1.data());
       for (int i = 0; i < n_circulation_states; ++i) state[i] += h * k1[i];
       if (sense) watch(t + static_cast<double>(step + 1) * h, state.data());
     }

@@ -73,7 +73,8 @@ void HeartDriverOf<T>::move_to(const Values& values) {
 
 // Volumes at the end of the step that the circulation wants, and their derivatives by the pressures.
 template <class T>
-void HeartDriverOf<T>::wanted_volumes(const T* p, const T& step, T* volumes, double* slopes) const {
+[[gnu::flatten]] void HeartDriverOf<T>::wanted_volumes(const T* p, const T& step, T* volumes,
+                                                       double* slopes) const {
   if (!settings_.stabilise_volumes) {
     for (int c = 0; c < n_chambers; ++c) volumes[c] = y_[c];
     std::fill(slopes, slopes + n_chambers * n_chambers, 0.0);
@@ -313,8 +314,8 @@ void HeartDriverOf<T>::record(Table& table, double t) const {
   std::vector<double> values(outputs_.size());
   double* at = values.data();
   for (std::size_t w = 0; w < walls_.size(); at += n_outputs_[w++]) walls_[w]->output_values(at);
-  for (std::size_t k = 0; k < values.size(); ++k)
-    table.columns[circulation_columns(plain_) + k].values.push_back(values[k]);
+  const std::size_t first = circulation_columns(plain_);
+  for (std::size_t k = 0; k < values.size(); ++k) table.columns[first + k].values.push_back(values[k]);
 }
 
 template <class T>
