@@ -16,7 +16,6 @@ double dissipated_power(const CirculationParameters& c, const double* y, const d
   }
   const auto drops = valve_drops(p, y);
   for (int v = 0; v < n_valves; ++v) gates += drops[v] * Q[v];
-  if (!c.has_shunts()) return outlets + gates;
   for_each_shunt_flow(c, p, y, [&](int s, double flow) {
     gates +=
         (node_pressure(network::shunts[s].from, p, y) - node_pressure(network::shunts[s].to, p, y)) * flow;

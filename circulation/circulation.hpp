@@ -11,9 +11,7 @@
 #pragma once
 
 #include <array>
-#include <string_view>
 #include <type_traits>
-#include <vector>
 #include <wiggers/circulation/network.hpp>
 #include <wiggers/circulation/shunts.hpp>
 #include <wiggers/circulation/valves.hpp>

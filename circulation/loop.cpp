@@ -34,7 +34,8 @@ void loop_rates_of(const Loop& loop, double t, const T* y, T* dy) {
   else
     rates_without_shunts<T>(loop.circulation, y, p, Q, dy);
 }
-[[gnu::flatten]] void rates_of_closed_loop(const Loop& loop, double t, const double* y, double* dy) {
+// For steps of a fixed length, where a call costs as much as its work.
+[[gnu::flatten]] void loop_rates_without_shunts(const Loop& loop, double t, const double* y, double* dy) {
   loop_rates_of<false>(loop, t, y, dy);
 }
 template <class T>
@@ -244,7 +245,7 @@ void LoopSolver::beat(CirculationValues& state, double sample_s, Table* table, P
       if (shunts)
         loop_rates(loop_, now, state.data(), k1.data());
       else
-        rates_of_closed_loop(loop_, now, state.data(), k1.data());
+        loop_rates_without_shunts(loop_, now, state.data(), k1.data());
       for (int i = 0; i < n_circulation_states; ++i) state[i] += h * k1[i];
       if (sense) watch(t + static_cast<double>(step + 1) * h, state.data());
     }

@@ -199,25 +199,27 @@ consteval Junction junction(int at) {
   return j;
 }
 // Names are keys in files and columns in tables.
+consteval int named(std::string_view name) {
+  int count = 0;
+  for (const Branch& valve : valves) count += valve.name == name;
+  for (const Branch& shunt : shunts) count += shunt.name == name;
+  for (const VesselEntry& vessel : vessels) count += vessel.name == name;
+  return count;
+}
+consteval bool share_a_key(const VesselEntry& a, const VesselEntry& b) {
+  for (const Quantity& p : a.quantities)
+    for (const Quantity& q : b.quantities)
+      if (a.circuit == b.circuit && p.name == q.name) return true;
+  return false;
+}
 consteval bool distinct() {
-  const auto taken = [](std::string_view name, std::size_t& count) {
-    for (const Branch& valve : valves) count += valve.name == name;
-    for (const Branch& shunt : shunts) count += shunt.name == name;
-    for (const VesselEntry& vessel : vessels) count += vessel.name == name;
-    return count != 1;
-  };
   for (const auto& list : {std::span<const Branch>(valves), std::span<const Branch>(shunts)})
-    for (const Branch& branch : list) {
-      std::size_t count = 0;
-      if (taken(branch.name, count) || branch.from == branch.to) return false;
-    }
-  for (const VesselEntry& vessel : vessels) {
-    std::size_t count = 0;
-    if (taken(vessel.name, count)) return false;
-    for (const VesselEntry& other : vessels)
-      for (const Quantity& a : vessel.quantities)
-        for (const Quantity& b : other.quantities)
-          if (vessel.name != other.name && vessel.circuit == other.circuit && a.name == b.name) return false;
+    for (const Branch& branch : list)
+      if (named(branch.name) != 1 || branch.from == branch.to) return false;
+  for (std::size_t k = 0; k < vessels.size(); ++k) {
+    if (named(vessels[k].name) != 1) return false;
+    for (std::size_t i = 0; i < k; ++i)
+      if (share_a_key(vessels[k], vessels[i])) return false;
   }
   return true;
 }

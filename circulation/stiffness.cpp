@@ -31,6 +31,16 @@ void for_each_conductance(const CirculationParameters& c, const ValveConductance
       });
 }
 
+// f(node, rate, description): what each branch adds to the row of each of its ends.
+template <class F>
+void for_each_row_entry(const CirculationParameters& c, const std::array<double, n_nodes>& e,
+                        const ValveConductances& g, F f) {
+  for_each_conductance(c, g, [&](const network::Branch& branch, double conductance, const auto& description) {
+    const double across = std::sqrt(e[branch.from] * e[branch.to]);
+    for (int end : {branch.from, branch.to}) f(end, conductance * (e[end] + across), description);
+  });
+}
+
 }  // namespace
 
 ValveConductances steepest_conductances(const CirculationParameters& c) {
@@ -61,12 +71,7 @@ double fastest_rate(const CirculationParameters& c, const ChamberElastances& E, 
   const auto e = node_stiffness(c, E);
   std::array<double, n_nodes> symmetric{}, antisymmetric{};
   double fastest = 0, swing = 0;
-  for_each_conductance(c, g, [&](const network::Branch& branch, double conductance, const auto&) {
-    const auto [from, to] = std::pair(branch.from, branch.to);
-    const double across = std::sqrt(e[from] * e[to]);
-    symmetric[from] += conductance * (e[from] + across);
-    symmetric[to] += conductance * (e[to] + across);
-  });
+  for_each_row_entry(c, e, g, [&](int node, double rate, const auto&) { symmetric[node] += rate; });
   for (int v = 0; v < n_vessels; ++v) {
     const VesselParameters& vessel = c.vessels[v];
     const double from = std::sqrt(e[n_chambers + v] / vessel.L);
@@ -111,15 +116,11 @@ FillingLimit largest_filling_step(const CirculationParameters& c) {
   for (int v = 0; v < n_valves; ++v) open[v] = 1 / c.valves[v].Rmin;
   std::array<double, n_nodes> rate{}, largest{};
   std::array<std::string, n_nodes> by;
-  for_each_conductance(c, open, [&](const network::Branch& branch, double g, const auto& description) {
-    const double across = std::sqrt(e[branch.from] * e[branch.to]);
-    for (int end : {branch.from, branch.to}) {
-      const double adds = g * (e[end] + across);
-      rate[end] += adds;
-      if (adds > largest[end]) {
-        largest[end] = adds;
-        by[end] = description();
-      }
+  for_each_row_entry(c, e, open, [&](int node, double adds, const auto& description) {
+    rate[node] += adds;
+    if (adds > largest[node]) {
+      largest[node] = adds;
+      by[node] = description();
     }
   });
   FillingLimit limit;

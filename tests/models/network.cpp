@@ -1,10 +1,12 @@
 // The circulation as a network: what flows in flows out at every node, and shunts are the same in every
 // solver.
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <catch2/catch.hpp>
 #include <cmath>
-#include <map>
+#include <filesystem>
+#include <fstream>
 #include <string>
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/circulation/stiffness.hpp>
@@ -140,6 +142,17 @@ TEST_CASE("a shunt of a base is closed by false") {
   const auto present = [](const std::vector<std::string>& words) {
     return read_scene(scenes + "elastance_healthy.toml", words).circulation.has_shunts();
   };
+  const auto folder = std::filesystem::temp_directory_path() / fmt::format("wiggers-shunts-{}", getpid());
+  std::filesystem::create_directories(folder);
+  std::filesystem::copy_file(scenes + "elastance_healthy.toml", folder / "healthy.toml",
+                             std::filesystem::copy_options::overwrite_existing);
+  std::ofstream(folder / "open.toml") << "base = 'healthy.toml'\n[circulation.shunts.ASD]\narea_cm2 = 2\n";
+  std::ofstream(folder / "closed.toml") << "base = 'open.toml'\n[circulation.shunts]\nASD = false\n";
+  const Scene open = read_scene(folder / "open.toml", {}), closed = read_scene(folder / "closed.toml", {});
+  CHECK(open.circulation.has_shunts());
+  CHECK(!closed.circulation.has_shunts());
+  CHECK(!read_scene_text(closed.text, "again", {}).circulation.has_shunts());
+  std::filesystem::remove_all(folder);
   CHECK(present({"circulation.shunts.ASD.area_cm2=1"}));
   CHECK(!present({"circulation.shunts.ASD=false"}));
   CHECK_THROWS_WITH(present({"circulation.shunts.ASD=true"}), Catch::Contains("must be a table"));
