@@ -45,8 +45,8 @@ ElastanceParameters default_left_ventricle() {
   return {v[0], v[1], v[2], v[3], v[4], v[5]};
 }
 
-const Vessels fedele_vessels{
-    {{0.48, 1.5, 5e-3}, {0.26, 60, 5e-4}, {0.032116, 10, 5e-4}, {0.035684, 16, 5e-4}}};
+const Vessels fedele_vessels =
+    all({{0.48, 1.5, 5e-3}, {0.26, 60, 5e-4}, {0.032116, 10, 5e-4}, {0.035684, 16, 5e-4}});
 
 std::vector<CirculationSet> make_sets() {
   std::vector<CirculationSet> sets;

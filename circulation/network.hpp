@@ -15,6 +15,7 @@
 //   a vessel: its enumerator in `Vessel` and its line in `vessels`, where the outlet of the vessel before it
 //     now leads to it; quantities with names of its own, if its circuit has vessels of its kind; and its
 //     numbers in every set of loop_sets.cpp, which asks for them. Every loop then has it.
+// tests/own_network.cmake follows this.
 #pragma once
 
 #include <array>

@@ -16,7 +16,7 @@
 //                  resistance of that side is, nullptr where nothing flows
 //   has_steepness  the key tanh_steepness is read, and takes part in sensitivities
 //   flow           for any kind of number: dp = p1 - p2; it and its derivative are finite at any drop
-// Their numbers are those of ValveParametersOf, and tanh_steepness.
+// Their numbers are those of ValveParametersOf, and tanh_steepness. tests/own_network.cmake follows this.
 #pragma once
 
 #include <array>
