@@ -1,4 +1,5 @@
-// A circulation with a vessel, a shunt and a valve law that were added by the recipes alone (own_network.cmake).
+// A circulation with a vessel, a shunt and a valve law that were added by the recipes alone
+// (own_network.cmake).
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <string>
@@ -33,16 +34,19 @@ TEST_CASE("a vessel of one's own: state, file keys, sets, conservation") {
   int found = 0;
   for (const CirculationSet& set : circulation_sets()) {
     Loop of_set = set.loop;
-    for_each_circulation_parameter(of_set.circulation, [&](const std::string& name, const Quantity&, double v) {
-      if (name == "circuit.SYS.R_CAP") found += v == 0.05;
-    });
+    for_each_circulation_parameter(of_set.circulation,
+                                   [&](const std::string& name, const Quantity&, double v) {
+                                     if (name == "circuit.SYS.R_CAP") found += v == 0.05;
+                                   });
   }
   CHECK(found == static_cast<int>(circulation_sets().size()));
   CHECK(find_circulation_set("circulation-0.3.1").loop.initial[Q_AR_SYS] == 71.104);
 
   const LoopSolver solver(loop, {"runge-kutta-4", 1e-9, 1e-9, 5e-4});
-  CirculationValues state = cycle_of(solver), exact = cycle_of(LoopSolver(loop, {"cvode", 1e-10, 1e-10, 1e-3}));
-  for (int k = 0; k < n_circulation_states; ++k) CHECK(state[k] == Approx(exact[k]).epsilon(1e-4).margin(2e-3));
+  CirculationValues state = cycle_of(solver),
+                    exact = cycle_of(LoopSolver(loop, {"cvode", 1e-10, 1e-10, 1e-3}));
+  for (int k = 0; k < n_circulation_states; ++k)
+    CHECK(state[k] == Approx(exact[k]).epsilon(1e-4).margin(2e-3));
   Table trace = circulation_table(loop.circulation);
   const double volume = total_volume(loop.circulation, state.data());
   solver.beat(state, 1e-4, &trace);
@@ -69,5 +73,6 @@ TEST_CASE("a valve law of one's own: by name in files, in both kinds of solver")
         Approx(3 / loop.circulation.valves[MV].Rmin).epsilon(1e-6));
   const CirculationValues steps = cycle_of(LoopSolver(loop, {"runge-kutta-4", 1e-9, 1e-9, 1e-4})),
                           exact = cycle_of(LoopSolver(loop, {"cvode", 1e-10, 1e-10, 1e-3}));
-  for (int k = 0; k < n_circulation_states; ++k) CHECK(steps[k] == Approx(exact[k]).epsilon(1e-3).margin(0.02));
+  for (int k = 0; k < n_circulation_states; ++k)
+    CHECK(steps[k] == Approx(exact[k]).epsilon(1e-3).margin(0.02));
 }
