@@ -204,6 +204,15 @@ TEST_CASE("loop files: tables, names of sets for tables, and refusals") {
                     Catch::Contains("C_AR = -1") && Catch::Contains("circuit.SYS"));
   CHECK_THROWS_WITH(read("[elastance.LV]\nTC = 0.5\nTR = 0.4\n"), Catch::Contains("TC + TR"));
   CHECK_THROWS_WITH(read("[elastance.VL]\nEA = 1.0\n"), Catch::Contains("did you mean 'LV'"));
+  const Loop steep = read("valve_law = \"tanh\"\ntanh_steepness = 35\n");
+  CHECK(steep.circulation.tanh_steepness == 35);
+  std::size_t steepnesses = 0;
+  for (const Loop& loop : {steep, read("")})
+    for_each_loop_parameter(loop, [&](const std::string& name, const Quantity&, double) {
+      steepnesses += name == "tanh_steepness";
+    });
+  CHECK(steepnesses == 1);  // of the law that has one
+  CHECK_THROWS_WITH(read("tanh_steepness = 35\n"), Catch::Contains("unknown key"));
   CHECK_THROWS_WITH(read("valve_law = \"diod\"\n"), Catch::Contains("did you mean 'diode'"));
   CHECK_THROWS_WITH(read("elastance = \"baseline\"\n"), Catch::Contains("baseline75"));
   CHECK_THROWS_WITH(read("[valves.AV]\nRmin = 1.0\nRmax = 0.5\n"), Catch::Contains("below Rmin"));
