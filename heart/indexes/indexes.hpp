@@ -160,8 +160,9 @@ struct BeatTraceOf {
       p[c].push_back(pressures[c]);
     }
     for (int v = 0; v < n_valves; ++v) Q[v].push_back(flows[v]);
-    for (int n = n_chambers; n < n_nodes; ++n)
-      if (network::at_valve(n)) p[n].push_back(y[n]);
+    network::unrolled<n_nodes>([&](auto n) {
+      if constexpr (n >= n_chambers && network::at_valve(n)) p[n].push_back(y[n]);
+    });
     for_each_shunt_flow(c, pressures, y, [&](int s, const T& flow) { shunts[s].push_back(flow); });
   }
 };
