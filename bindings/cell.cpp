@@ -45,22 +45,9 @@ std::pair<std::vector<std::string>, std::vector<std::string>> cell_index_names(c
   return list;
 }
 
-}  // namespace
-
-void bind_cell(py::module_& m) {
-  m.def(
-      "models",
-      [](const std::string& kind) {
-        std::vector<std::string> names;
-        if (kind != "ionic" && kind != "force" && kind != "all")
-          refuse_unknown("kind of models", kind, std::vector<std::string>{"all", "ionic", "force"});
-        for (const CellModel* model : catalogue())
-          if (kind == "all" || (kind == "ionic") == model->is_ionic()) names.emplace_back(model->name);
-        return names;
-      },
-      "Names of the models: kind \"ionic\", \"force\" or \"all\".", py::arg("kind") = "all");
-
-  py::class_<CellModelOfPython>(m, "CellModel")
+// What the model is: its numbers, states, rates.
+void bind_numbers(py::class_<CellModelOfPython>& model) {
+  model
       .def(py::init([](const std::string& model, const std::string& set) {
              return CellModelOfPython{make_cell_study(find_model(model), set)};
            }),
@@ -133,7 +120,12 @@ void bind_cell(py::module_& m) {
               for (std::size_t j = 0; j < n; ++j) rows[i * n + j] = columns[i + n * j];
             return owned(std::move(rows), {static_cast<py::ssize_t>(n), static_cast<py::ssize_t>(n)});
           },
-          py::arg("t"), py::arg("y"))
+          py::arg("t"), py::arg("y"));
+}
+
+// What is computed: cycles, beats, their indexes and derivatives.
+void bind_beats(py::class_<CellModelOfPython>& model) {
+  model
       .def(
           "to_limit_cycle",
           [](CellModelOfPython cell, std::optional<Array> near, double distance, int max_beats,
@@ -223,77 +215,91 @@ void bind_cell(py::module_& m) {
             py::gil_scoped_release unlock;
             return cell_sensitivities(cell.study, state, after_pass(progress));
           },
-          py::arg("on_cycle"), py::arg("progress"))
-      .def(
-          "batch",
-          [](CellModelOfPython cell, const std::vector<std::string>& names, const Array& samples,
-             std::optional<Array> near, double distance, int max_beats, int threads,
-             const std::function<void(double)>& progress, bool lanes) {
-            const std::size_t n = static_cast<std::size_t>(samples.shape(0)), k = names.size();
-            auto [indexes, units] = cell_index_names(*cell.study.model);
-            std::vector<Quantity> known;
-            std::vector<double> base;
-            for (const NamedParameter& p : cell_study_parameters(cell.study)) {
-              known.push_back(p.quantity);
-              base.push_back(p.value);
-            }
-            std::vector<std::size_t> position;
-            for (const std::string& name : names) position.push_back(require_index(known, "parameter", name));
-            std::vector<double> start;
-            if (near) start = cell.state(*near);
-            LimitCycleSettings settings = cycle_settings(distance, max_beats, "anderson");
-            if (!near) settings.attractor = Attractor::paced;
-            const std::vector<std::string> order = indexes;
-            const double* values = samples.data();
-            py::gil_scoped_release unlock;
-            const auto study_of = [&](std::size_t sample) {
-              std::vector<double> all = base;
-              for (std::size_t j = 0; j < k; ++j) all[position[j]] = values[sample * k + j];
-              CellStudy study = cell.study;
-              set_cell_study_parameters(study, all);
-              return study;
-            };
-            const auto fill = [&](const CellStudy& study, const std::vector<double>& y, double* out,
-                                  double* state) {
-              std::size_t next = 0;
-              BeatWords words;
-              for (const NamedValue& value : cell_indexes(study, y, &words)) {
-                while (order[next] != value.name) ++next;
-                out[next++] = value.value;
-              }
-              std::copy(y.begin(), y.end(), state);
-              if (!words.unphysical.empty()) throw NumericalFailure(words.unphysical);
-              const std::string& why_not = words.no_action_potential;
-              return why_not.empty() ? why_not : "no action potential: " + why_not;
-            };
-            const auto one_by_one = [&](std::size_t sample, double* out, double* state) {
-              const CellStudy study = study_of(sample);
-              std::vector<double> y = near ? start : start_of(study);
-              const auto certificate = to_limit_cycle(study, y, settings);
-              if (!certificate.good()) throw NumericalFailure(limit_cycle_failure(certificate));
-              return fill(study, y, out, state);
-            };
-            const auto side_by_side = [&](const std::vector<std::size_t>& group, const BatchFill& fill_row) {
-              std::vector<CellStudy> studies;
-              std::vector<std::vector<double>> states;
-              for (std::size_t sample : group) {
-                studies.push_back(study_of(sample));
-                states.push_back(near ? start : start_of(studies.back()));
-              }
-              if (!share_pacing(studies)) return false;
-              const auto results = to_limit_cycles_in_lanes(studies, std::move(states), settings);
-              for (std::size_t i = 0; i < group.size(); ++i)
-                fill_row(group[i], "", [&](double* out, double* state) {
-                  if (!results[i].settled) return one_by_one(group[i], out, state);
-                  return fill(studies[i], results[i].state, out, state);
-                });
-              return true;
-            };
-            return run_batch(n, threads, indexes, units, cell.n_states(), one_by_one, progress,
-                             lanes ? cells_in_lanes : 1, side_by_side);
-          },
-          py::arg("names"), py::arg("samples"), py::arg("near"), py::arg("distance"), py::arg("max_beats"),
-          py::arg("threads"), py::arg("progress"), py::arg("lanes"));
+          py::arg("on_cycle"), py::arg("progress"));
+}
+
+// Many of them at once.
+void bind_batch(py::class_<CellModelOfPython>& model) {
+  model.def(
+      "batch",
+      [](CellModelOfPython cell, const std::vector<std::string>& names, const Array& samples,
+         std::optional<Array> near, double distance, int max_beats, int threads,
+         const std::function<void(double)>& progress, bool lanes) {
+        const Samples points(cell_study_parameters(cell.study), "parameter", names, samples);
+        auto [indexes, units] = cell_index_names(*cell.study.model);
+        std::vector<double> start;
+        if (near) start = cell.state(*near);
+        LimitCycleSettings settings = cycle_settings(distance, max_beats, "anderson");
+        if (!near) settings.attractor = Attractor::paced;
+        const std::vector<std::string> order = indexes;
+        py::gil_scoped_release unlock;
+        const auto study_of = [&](std::size_t sample) {
+          CellStudy study = cell.study;
+          set_cell_study_parameters(study, points(sample));
+          return study;
+        };
+        const auto fill = [&](const CellStudy& study, const std::vector<double>& y, double* out,
+                              double* state) {
+          std::size_t next = 0;
+          BeatWords words;
+          for (const NamedValue& value : cell_indexes(study, y, &words)) {
+            while (order[next] != value.name) ++next;
+            out[next++] = value.value;
+          }
+          std::copy(y.begin(), y.end(), state);
+          if (!words.unphysical.empty()) throw NumericalFailure(words.unphysical);
+          const std::string& why_not = words.no_action_potential;
+          return why_not.empty() ? why_not : "no action potential: " + why_not;
+        };
+        const auto one_by_one = [&](std::size_t sample, double* out, double* state) {
+          const CellStudy study = study_of(sample);
+          std::vector<double> y = near ? start : start_of(study);
+          const auto certificate = to_limit_cycle(study, y, settings);
+          if (!certificate.good()) throw NumericalFailure(limit_cycle_failure(certificate));
+          return fill(study, y, out, state);
+        };
+        const auto side_by_side = [&](const std::vector<std::size_t>& group, const BatchFill& fill_row) {
+          std::vector<CellStudy> studies;
+          std::vector<std::vector<double>> states;
+          for (std::size_t sample : group) {
+            studies.push_back(study_of(sample));
+            states.push_back(near ? start : start_of(studies.back()));
+          }
+          if (!share_pacing(studies)) return false;
+          const auto results = to_limit_cycles_in_lanes(studies, std::move(states), settings);
+          for (std::size_t i = 0; i < group.size(); ++i)
+            fill_row(group[i], "", [&](double* out, double* state) {
+              if (!results[i].settled) return one_by_one(group[i], out, state);
+              return fill(studies[i], results[i].state, out, state);
+            });
+          return true;
+        };
+        return run_batch(points.count(), threads, indexes, units, cell.n_states(), one_by_one, progress,
+                         lanes ? cells_in_lanes : 1, side_by_side);
+      },
+      py::arg("names"), py::arg("samples"), py::arg("near"), py::arg("distance"), py::arg("max_beats"),
+      py::arg("threads"), py::arg("progress"), py::arg("lanes"));
+}
+
+}  // namespace
+
+void bind_cell(py::module_& m) {
+  m.def(
+      "models",
+      [](const std::string& kind) {
+        std::vector<std::string> names;
+        if (kind != "ionic" && kind != "force" && kind != "all")
+          refuse_unknown("kind of models", kind, std::vector<std::string>{"all", "ionic", "force"});
+        for (const CellModel* model : catalogue())
+          if (kind == "all" || (kind == "ionic") == model->is_ionic()) names.emplace_back(model->name);
+        return names;
+      },
+      "Names of the models: kind \"ionic\", \"force\" or \"all\".", py::arg("kind") = "all");
+
+  py::class_<CellModelOfPython> model(m, "CellModel");
+  bind_numbers(model);
+  bind_beats(model);
+  bind_batch(model);
 }
 
 }  // namespace wiggers::python

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cmath>
@@ -120,6 +121,27 @@ std::string joined(const std::vector<std::string>& warnings) {
   return all;
 }
 
+Samples::Samples(const std::vector<NamedParameter>& all, const std::string& kind,
+                 const std::vector<std::string>& names, const Array& rows)
+    : rows_(rows.data()), count_(static_cast<std::size_t>(rows.shape(0))) {
+  std::vector<std::string> known;
+  for (const NamedParameter& p : all) {
+    known.push_back(p.name);
+    base_.push_back(p.value);
+  }
+  for (const std::string& name : names) {
+    const auto found = std::find(known.begin(), known.end(), name);
+    if (found == known.end()) refuse_unknown(kind, name, known);
+    position_.push_back(static_cast<std::size_t>(found - known.begin()));
+  }
+}
+
+std::vector<double> Samples::operator()(std::size_t sample) const {
+  std::vector<double> all = base_;
+  for (std::size_t j = 0; j < position_.size(); ++j) all[position_[j]] = rows_[sample * position_.size() + j];
+  return all;
+}
+
 BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names,
                     std::vector<std::string> units, std::size_t n_states,
                     const std::function<std::string(std::size_t, double*, double*)>& solve,
@@ -213,15 +235,9 @@ BatchRows run_batch(std::size_t n, int threads, std::vector<std::string> names,
   return rows;
 }
 
-void bind_common(py::module_& m) {
-  py::register_exception<InputError>(m, "InputError", PyExc_ValueError).doc() =
-      "Something impossible was asked for; refused before any work. Names the key, the value and the range.";
-  py::register_exception<NumericalFailure>(m, "NumericalFailure", PyExc_RuntimeError).doc() =
-      "A computation broke down; says what, where, and what to try.";
-  py::register_exception<ResourceError>(m, "ResourceError", PyExc_OSError).doc() =
-      "The machine refused: a file cannot be read or written.";
-  py::register_exception<Interrupted>(m, "Interrupted", PyExc_KeyboardInterrupt);
+namespace {
 
+void bind_parameter(py::module_& m) {
   py::class_<NamedParameter>(m, "Parameter", "A parameter's fact sheet and value.")
       .def_readonly("name", &NamedParameter::name)
       .def_readonly("value", &NamedParameter::value)
@@ -251,7 +267,9 @@ void bind_common(py::module_& m) {
                                   {fact(2), fact(3), number(4), number(5), number(6), fact(7)},
                                   number(1)};
           }));
+}
 
+void bind_certificate(py::module_& m) {
   py::class_<LimitCycleCertificate>(m, "Certificate", "How close to the limit cycle a search ended.")
       .def(py::init([](const std::string& verdict, double distance, double residual, double multiplier,
                        int beats, const std::string& reason, const std::vector<std::string>& warnings) {
@@ -298,7 +316,9 @@ void bind_common(py::module_& m) {
             c.text_with_warnings(), c.distance, c.residual, c.multiplier, c.beats,
             c.reason.empty() ? "" : ": ", c.reason);
       });
+}
 
+void bind_columns(py::module_& m) {
   py::class_<Table, std::shared_ptr<Table>>(m, "Columns",
                                             "Named columns with units; arrays are views, not copies.")
       .def_property_readonly("names",
@@ -336,7 +356,9 @@ void bind_common(py::module_& m) {
             }
             return table;
           }));
+}
 
+void bind_sensitivities(py::module_& m) {
   py::class_<Sensitivities>(m, "SensitivityTable", "Derivatives of outputs by parameters, on a limit cycle.")
       .def_readonly("outputs", &Sensitivities::outputs)
       .def_readonly("output_units", &Sensitivities::output_units)
@@ -374,7 +396,9 @@ void bind_common(py::module_& m) {
                                  t[3].cast<Names>(), values_in(t[4]),    values_in(t[5]),
                                  values_in(t[6])};
           }));
+}
 
+void bind_batch_rows(py::module_& m) {
   py::class_<BatchRows>(m, "BatchRows",
                         "Outputs of many samples, with a reason in place of each that failed.")
       .def_readonly("names", &BatchRows::names)
@@ -393,6 +417,24 @@ void bind_common(py::module_& m) {
         return view_of(self, b.states.data(),
                        {static_cast<py::ssize_t>(b.reasons.size()), static_cast<py::ssize_t>(b.n_states)});
       });
+}
+
+}  // namespace
+
+void bind_common(py::module_& m) {
+  py::register_exception<InputError>(m, "InputError", PyExc_ValueError).doc() =
+      "Something impossible was asked for; refused before any work. Names the key, the value and the range.";
+  py::register_exception<NumericalFailure>(m, "NumericalFailure", PyExc_RuntimeError).doc() =
+      "A computation broke down; says what, where, and what to try.";
+  py::register_exception<ResourceError>(m, "ResourceError", PyExc_OSError).doc() =
+      "The machine refused: a file cannot be read or written.";
+  py::register_exception<Interrupted>(m, "Interrupted", PyExc_KeyboardInterrupt);
+
+  bind_parameter(m);
+  bind_certificate(m);
+  bind_columns(m);
+  bind_sensitivities(m);
+  bind_batch_rows(m);
 }
 
 }  // namespace wiggers::python

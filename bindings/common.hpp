@@ -43,6 +43,22 @@ std::function<void(double)> after_pass(const std::function<void(double)>& progre
 LimitCycleSettings cycle_settings(double distance, int max_beats, const std::string& method,
                                   const LimitCycleSettings& base = {});
 
+// The points of a batch: rows of values for the named parameters of a model; its others keep theirs. Refuses
+// unknown names.
+class Samples {
+ public:
+  Samples(const std::vector<NamedParameter>& all, const std::string& kind,
+          const std::vector<std::string>& names, const Array& rows);
+  std::size_t count() const { return count_; }
+  std::vector<double> operator()(std::size_t sample) const;  // of all parameters
+
+ private:
+  std::vector<double> base_;
+  std::vector<std::size_t> position_;  // of each named parameter
+  const double* rows_;                 // of an array that the caller holds
+  std::size_t count_;
+};
+
 // One sample of a batch: what became of it.
 struct BatchRows {
   std::vector<std::string> names, units;  // of the outputs

@@ -27,10 +27,9 @@ std::array<double, 3> inputs_of(const Muscle& force, double calcium_uM, double S
   return values;
 }
 
-}  // namespace
-
-void bind_force(py::module_& m) {
-  py::class_<Muscle>(m, "ForceModel")
+// What the model is: its numbers, states, rates.
+void bind_numbers(py::class_<Muscle>& model) {
+  model
       .def(py::init([](const std::string& set, const std::string& model) {
              Muscle force{&find_model(model), {}};
              if (force.model->is_ionic())
@@ -93,7 +92,12 @@ void bind_force(py::module_& m) {
               for (std::size_t j = 0; j < n; ++j) rows[i * n + j] = columns[i + n * j];
             return owned(std::move(rows), {static_cast<py::ssize_t>(n), static_cast<py::ssize_t>(n)});
           },
-          py::arg("y"), py::arg("calcium_uM"), py::arg("SL_um"), py::arg("dSL_dt_um_per_s"))
+          py::arg("y"), py::arg("calcium_uM"), py::arg("SL_um"), py::arg("dSL_dt_um_per_s"));
+}
+
+// What it answers to calcium and length.
+void bind_answers(py::class_<Muscle>& model) {
+  model
       .def(
           "steady_state",
           [](const Muscle& force, double calcium_uM, double SL_um) {
@@ -195,6 +199,14 @@ void bind_force(py::module_& m) {
             return py::make_tuple(owned(std::move(tension)), owned(std::move(y)));
           },
           py::arg("start"), py::arg("t_s"), py::arg("calcium_uM"), py::arg("SL_um"));
+}
+
+}  // namespace
+
+void bind_force(py::module_& m) {
+  py::class_<Muscle> model(m, "ForceModel");
+  bind_numbers(model);
+  bind_answers(model);
 }
 
 }  // namespace wiggers::python

@@ -51,10 +51,9 @@ struct HeartOfPython {
   };
 };
 
-}  // namespace
-
-void bind_heart(py::module_& m) {
-  py::class_<HeartOfPython>(m, "HeartModel")
+// What the model is: its numbers, states, rates.
+void bind_numbers(py::class_<HeartOfPython>& model) {
+  model
       .def(py::init([](const std::string& text, const std::string& path,
                        const std::vector<std::string>& overrides, const std::string& accuracy) {
              auto heart = std::make_unique<HeartOfPython>();
@@ -63,7 +62,7 @@ void bind_heart(py::module_& m) {
              return heart;
            }),
            py::arg("text"), py::arg("path"), py::arg("overrides"), py::arg("accuracy"))
-      .def_property_readonly("text", [](const HeartOfPython& heart) { return heart.study->scene().text; })
+      .def_property_readonly("text", [](const HeartOfPython& heart) { return heart.study->scene().text(); })
       .def_property_readonly("title", [](const HeartOfPython& heart) { return heart.study->scene().title; })
       .def_property_readonly(
           "body_surface_area_m2",
@@ -83,6 +82,17 @@ void bind_heart(py::module_& m) {
             study->set_parameter(name, value);
           },
           py::arg("name"), py::arg("value"))
+      .def("copy", [](HeartOfPython& heart) {
+        HeartOfPython::Turn study(heart);
+        auto other = std::make_unique<HeartOfPython>();
+        other->study = std::make_unique<HeartStudy>(study->copy());
+        return other;
+      });
+}
+
+// What is computed: cycles, beats, their indexes and derivatives.
+void bind_beats(py::class_<HeartOfPython>& model) {
+  model
       .def(
           "to_limit_cycle",
           [](HeartOfPython& heart, std::optional<Array> near, double distance, int max_beats,
@@ -157,69 +167,61 @@ void bind_heart(py::module_& m) {
             py::gil_scoped_release unlock;
             return study->sensitivities(state, parameters, after_pass(progress));
           },
-          py::arg("on_cycle"), py::arg("parameters"), py::arg("progress"))
-      .def(
-          "batch",
-          [](HeartOfPython& heart, const std::vector<std::string>& names, const Array& samples,
-             std::optional<Array> near, double distance, int max_beats, int threads,
-             const std::function<void(double)>& progress) {
-            HeartOfPython::Turn study(heart);
-            const std::size_t n = static_cast<std::size_t>(samples.shape(0)), k = names.size();
-            auto [indexes, units] = index_names_and_units();
-            const std::vector<std::string> order = indexes;
-            std::vector<std::string> known;
-            std::vector<double> base;
-            for (const NamedParameter& p : study->parameters()) {
-              known.push_back(p.name);
-              base.push_back(p.value);
-            }
-            std::vector<std::size_t> position;
-            for (const std::string& name : names) {
-              const auto found = std::find(known.begin(), known.end(), name);
-              if (found == known.end()) refuse_unknown("parameter of the heart", name, known);
-              position.push_back(static_cast<std::size_t>(found - known.begin()));
-            }
-            const LimitCycleSettings settings = cycle_settings(distance, max_beats, "anderson");
-            HeartState start;
-            if (near) start = state_of(*near);
-            const double* values = samples.data();
-            py::gil_scoped_release unlock;
-            // The cells' cycles once, for all samples that do not move them.
-            HeartState first = start;
-            std::size_t n_numbers = start.driver.size();
-            try {
-              first = study->to_limit_cycle(settings, near ? &start : nullptr, after_beat({}));
-              n_numbers = first.driver.size();
-            } catch (const NumericalFailure&) {
-              // The base point has no cycle; the samples may have theirs.
-            }
-            // Workers leave the interpreter alone.
-            HeartStudy quiet = study->copy();
-            quiet.set_between_beats({});
-            return run_batch(
-                n, threads, indexes, units, n_numbers,
-                [&](std::size_t sample, double* out, double* state) {
-                  std::vector<double> all = base;
-                  for (std::size_t j = 0; j < k; ++j) all[position[j]] = values[sample * k + j];
-                  HeartStudy one = quiet.copy();
-                  one.set_parameters(all);
-                  const HeartState y = one.to_limit_cycle(settings, first.driver.empty() ? nullptr : &first);
-                  if (!y.certificate.good()) throw NumericalFailure(limit_cycle_failure(y.certificate));
-                  const BeatIndexes found = one.indexes(y);
-                  fill_indexes(found, order, out);
-                  if (y.driver.size() == n_numbers) std::copy(y.driver.begin(), y.driver.end(), state);
-                  return joined(ejection_warnings(found));
-                },
-                progress);
-          },
-          py::arg("names"), py::arg("samples"), py::arg("near"), py::arg("distance"), py::arg("max_beats"),
-          py::arg("threads"), py::arg("progress"))
-      .def("copy", [](HeartOfPython& heart) {
+          py::arg("on_cycle"), py::arg("parameters"), py::arg("progress"));
+}
+
+// Many of them at once.
+void bind_batch(py::class_<HeartOfPython>& model) {
+  model.def(
+      "batch",
+      [](HeartOfPython& heart, const std::vector<std::string>& names, const Array& samples,
+         std::optional<Array> near, double distance, int max_beats, int threads,
+         const std::function<void(double)>& progress) {
         HeartOfPython::Turn study(heart);
-        auto other = std::make_unique<HeartOfPython>();
-        other->study = std::make_unique<HeartStudy>(study->copy());
-        return other;
-      });
+        const Samples points(study->parameters(), "parameter of the heart", names, samples);
+        auto [indexes, units] = index_names_and_units();
+        const std::vector<std::string> order = indexes;
+        const LimitCycleSettings settings = cycle_settings(distance, max_beats, "anderson");
+        HeartState start;
+        if (near) start = state_of(*near);
+        py::gil_scoped_release unlock;
+        // The cells' cycles once, for all samples that do not move them.
+        HeartState first = start;
+        std::size_t n_numbers = start.driver.size();
+        try {
+          first = study->to_limit_cycle(settings, near ? &start : nullptr, after_beat({}));
+          n_numbers = first.driver.size();
+        } catch (const NumericalFailure&) {
+          // The base point has no cycle; the samples may have theirs.
+        }
+        // Workers leave the interpreter alone.
+        HeartStudy quiet = study->copy();
+        quiet.set_between_beats({});
+        return run_batch(
+            points.count(), threads, indexes, units, n_numbers,
+            [&](std::size_t sample, double* out, double* state) {
+              HeartStudy one = quiet.copy();
+              one.set_parameters(points(sample));
+              const HeartState y = one.to_limit_cycle(settings, first.driver.empty() ? nullptr : &first);
+              if (!y.certificate.good()) throw NumericalFailure(limit_cycle_failure(y.certificate));
+              const BeatIndexes found = one.indexes(y);
+              fill_indexes(found, order, out);
+              if (y.driver.size() == n_numbers) std::copy(y.driver.begin(), y.driver.end(), state);
+              return joined(ejection_warnings(found));
+            },
+            progress);
+      },
+      py::arg("names"), py::arg("samples"), py::arg("near"), py::arg("distance"), py::arg("max_beats"),
+      py::arg("threads"), py::arg("progress"));
+}
+
+}  // namespace
+
+void bind_heart(py::module_& m) {
+  py::class_<HeartOfPython> model(m, "HeartModel");
+  bind_numbers(model);
+  bind_beats(model);
+  bind_batch(model);
 }
 
 }  // namespace wiggers::python

@@ -77,29 +77,11 @@ std::pair<std::vector<std::string>, std::vector<std::string>> index_names_and_un
   return all_indexes();
 }
 
-void bind_loop(py::module_& m) {
-  m.def(
-      "index_names", [] { return all_indexes().first; }, "Names of every index of a beat.");
-  m.def(
-      "index_units", [] { return all_indexes().second; },
-      "Units of the indexes, in the order of index_names().");
-  m.def(
-      "reference_ranges",
-      [] {
-        py::list rows;
-        for (const ReferenceRange& r : reference_ranges())
-          rows.append(py::dict(py::arg("index") = std::string(r.index), py::arg("unit") = std::string(r.unit),
-                               py::arg("mean") = r.mean, py::arg("sd") = r.sd, py::arg("lower") = r.lower,
-                               py::arg("upper") = r.upper, py::arg("founding_paper") = r.founding_paper));
-        return rows;
-      },
-      "Reference ranges of the volumetric indexes (men, cardiac magnetic resonance) and the founding paper's "
-      "values.");
-  m.def(
-      "loop_sets", [] { return circulation_set_names(true); },
-      "Names of the parameter sets with elastances.");
+namespace {
 
-  py::class_<LoopModel>(m, "LoopModel")
+// What the model is: its numbers, states, rates.
+void bind_numbers(py::class_<LoopModel>& model) {
+  model
       .def(py::init([](const std::string& set) {
              LoopModel model;
              model.loop = find_circulation_set(set).loop;
@@ -190,7 +172,12 @@ void bind_loop(py::module_& m) {
               rows.insert(rows.end(), rate.derivative.begin(), rate.derivative.end());
             return owned(std::move(rows), {n_circulation_states, n_circulation_states});
           },
-          py::arg("t"), py::arg("y"))
+          py::arg("t"), py::arg("y"));
+}
+
+// What is computed: cycles, beats, their indexes and derivatives.
+void bind_beats(py::class_<LoopModel>& model) {
+  model
       .def(
           "to_limit_cycle",
           [](LoopModel model, std::optional<Array> near, double distance, int max_beats,
@@ -258,55 +245,73 @@ void bind_loop(py::module_& m) {
             py::gil_scoped_release unlock;
             return loop_sensitivities(model.loop, state, model.integrator.dt_s);
           },
-          py::arg("on_cycle"))
-      .def(
-          "batch",
-          [](LoopModel model, const std::vector<std::string>& names, const Array& samples,
-             std::optional<Array> near, double distance, int max_beats, int threads,
-             const std::function<void(double)>& progress) {
-            const std::size_t n = static_cast<std::size_t>(samples.shape(0)), k = names.size();
-            const CirculationValues start = model.start_from(near ? &*near : nullptr);
-            auto [indexes, units] = all_indexes();
-            const std::vector<std::string> order = indexes;
-            const double* values = samples.data();
-            // Positions once, and unknown names refused before any work.
-            std::vector<std::size_t> position;
-            std::vector<std::string> known;
-            std::vector<double> base;
-            for (const NamedParameter& p : loop_parameters(model.loop)) {
-              known.push_back(p.name);
-              base.push_back(p.value);
-            }
-            for (const std::string& name : names) {
-              const auto found = std::find(known.begin(), known.end(), name);
-              if (found == known.end()) refuse_unknown("parameter of the loop", name, known);
-              position.push_back(static_cast<std::size_t>(found - known.begin()));
-            }
-            const LimitCycleSettings settings =
-                cycle_settings(distance, max_beats, "anderson", loop_cycle_settings(distance));
-            py::gil_scoped_release unlock;
-            return run_batch(
-                n, threads, indexes, units, n_circulation_states,
-                [&](std::size_t sample, double* out, double* state) {
-                  std::vector<double> all = base;
-                  for (std::size_t j = 0; j < k; ++j) all[position[j]] = values[sample * k + j];
-                  Loop loop = model.loop;
-                  set_loop_parameters(loop, all);
-                  CirculationValues y = near ? start : loop.initial;
-                  hold_total_volume(loop.circulation, y.data(),
-                                    total_volume(loop.circulation, loop.initial.data()));
-                  const LoopSolver solver(loop, model.integrator);
-                  const auto certificate = solver.to_limit_cycle(y, settings);
-                  if (!certificate.good()) throw NumericalFailure(limit_cycle_failure(certificate));
-                  const BeatIndexes found = loop_indexes(solver, y);
-                  fill_indexes(found, order, out);
-                  std::copy(y.begin(), y.end(), state);
-                  return joined(ejection_warnings(found));
-                },
-                progress);
-          },
-          py::arg("names"), py::arg("samples"), py::arg("near"), py::arg("distance"), py::arg("max_beats"),
-          py::arg("threads"), py::arg("progress"));
+          py::arg("on_cycle"));
+}
+
+// Many of them at once.
+void bind_batch(py::class_<LoopModel>& model) {
+  model.def(
+      "batch",
+      [](LoopModel model, const std::vector<std::string>& names, const Array& samples,
+         std::optional<Array> near, double distance, int max_beats, int threads,
+         const std::function<void(double)>& progress) {
+        const Samples points(loop_parameters(model.loop), "parameter of the loop", names, samples);
+        const CirculationValues start = model.start_from(near ? &*near : nullptr);
+        auto [indexes, units] = all_indexes();
+        const std::vector<std::string> order = indexes;
+        const LimitCycleSettings settings =
+            cycle_settings(distance, max_beats, "anderson", loop_cycle_settings(distance));
+        py::gil_scoped_release unlock;
+        return run_batch(
+            points.count(), threads, indexes, units, n_circulation_states,
+            [&](std::size_t sample, double* out, double* state) {
+              Loop loop = model.loop;
+              set_loop_parameters(loop, points(sample));
+              CirculationValues y = near ? start : loop.initial;
+              hold_total_volume(loop.circulation, y.data(),
+                                total_volume(loop.circulation, loop.initial.data()));
+              const LoopSolver solver(loop, model.integrator);
+              const auto certificate = solver.to_limit_cycle(y, settings);
+              if (!certificate.good()) throw NumericalFailure(limit_cycle_failure(certificate));
+              const BeatIndexes found = loop_indexes(solver, y);
+              fill_indexes(found, order, out);
+              std::copy(y.begin(), y.end(), state);
+              return joined(ejection_warnings(found));
+            },
+            progress);
+      },
+      py::arg("names"), py::arg("samples"), py::arg("near"), py::arg("distance"), py::arg("max_beats"),
+      py::arg("threads"), py::arg("progress"));
+}
+
+}  // namespace
+
+void bind_loop(py::module_& m) {
+  m.def(
+      "index_names", [] { return all_indexes().first; }, "Names of every index of a beat.");
+  m.def(
+      "index_units", [] { return all_indexes().second; },
+      "Units of the indexes, in the order of index_names().");
+  m.def(
+      "reference_ranges",
+      [] {
+        py::list rows;
+        for (const ReferenceRange& r : reference_ranges())
+          rows.append(py::dict(py::arg("index") = std::string(r.index), py::arg("unit") = std::string(r.unit),
+                               py::arg("mean") = r.mean, py::arg("sd") = r.sd, py::arg("lower") = r.lower,
+                               py::arg("upper") = r.upper, py::arg("founding_paper") = r.founding_paper));
+        return rows;
+      },
+      "Reference ranges of the volumetric indexes (men, cardiac magnetic resonance) and the founding paper's "
+      "values.");
+  m.def(
+      "loop_sets", [] { return circulation_set_names(true); },
+      "Names of the parameter sets with elastances.");
+
+  py::class_<LoopModel> model(m, "LoopModel");
+  bind_numbers(model);
+  bind_beats(model);
+  bind_batch(model);
 }
 
 }  // namespace wiggers::python

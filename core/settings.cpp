@@ -106,6 +106,13 @@ std::string written_key(std::string_view key) {
   return bare ? std::string(key) : toml_text(key);
 }
 
+// A value that is no table, as it stands in TOML.
+std::string written_value(const SettingsValue& value) {
+  if (const bool* flag = std::get_if<bool>(&value.data)) return *flag ? "true" : "false";
+  if (const double* number = std::get_if<double>(&value.data)) return to_text(*number);
+  return toml_text(std::get<std::string>(value.data));
+}
+
 }  // namespace
 
 std::shared_ptr<SettingsTable> parse_settings_text(const std::string& text, const std::string& name) {
@@ -125,14 +132,10 @@ std::shared_ptr<SettingsTable> parse_settings_file(const std::filesystem::path& 
   return parse_settings_text(read_file(path), path.string());
 }
 
-void override_setting(SettingsTable& root, std::string_view assignment) {
-  const std::size_t equals = assignment.find('=');
-  if (equals == std::string_view::npos || equals == 0)
-    throw InputError(fmt::format("--set: expected key=value, got '{}'", assignment));
-  const std::string key(assignment.substr(0, equals));
-  const std::string value(assignment.substr(equals + 1));
-  if (value.find('\n') != std::string::npos)
-    throw InputError(fmt::format("--set {}: one key at a time", key));
+namespace {
+
+// The value of a dotted key, made where there is none.
+SettingsValue& entry_at(SettingsTable& root, std::string_view key) {
   SettingsTable* table = &root;
   std::string_view rest = key;
   for (std::size_t dot = rest.find('.'); dot != std::string_view::npos; dot = rest.find('.')) {
@@ -150,13 +153,30 @@ void override_setting(SettingsTable& root, std::string_view assignment) {
     table = std::get<std::shared_ptr<SettingsTable>>(entry.data).get();
     rest.remove_prefix(dot + 1);
   }
+  return table->entries[std::string(rest)];
+}
+
+}  // namespace
+
+void override_setting(SettingsTable& table, std::string_view key, double value) {
+  entry_at(table, key) = {value, false};
+}
+
+void override_setting(SettingsTable& table, std::string_view assignment) {
+  const std::size_t equals = assignment.find('=');
+  if (equals == std::string_view::npos || equals == 0)
+    throw InputError(fmt::format("--set: expected key=value, got '{}'", assignment));
+  const std::string key(assignment.substr(0, equals));
+  const std::string value(assignment.substr(equals + 1));
+  if (value.find('\n') != std::string::npos)
+    throw InputError(fmt::format("--set {}: one key at a time", key));
   std::shared_ptr<SettingsTable> parsed;
   try {
     parsed = parse_settings_text("x = " + value, "--set " + key);
   } catch (const InputError&) {
     parsed = parse_settings_text("x = " + toml_text(value), "--set " + key);
   }
-  table->entries[std::string(rest)] = parsed->entries.at("x");
+  entry_at(table, key) = parsed->entries.at("x");
 }
 
 SettingsReader::SettingsReader(std::shared_ptr<SettingsTable> table, std::string file, std::string path)
@@ -191,13 +211,13 @@ std::string SettingsReader::place(std::string_view key) const {
   return fmt::format("{}: {}{}{}", file_, path_, path_.empty() ? "" : ".", key);
 }
 
-void SettingsReader::remember(std::string_view key, std::string text) {
-  for (auto& [known, value] : read_)
+void SettingsReader::remember(std::string_view key, SettingsValue value) {
+  for (auto& [known, there] : read_)
     if (known == key) {
-      value = std::move(text);
+      there = std::move(value);
       return;
     }
-  read_.emplace_back(std::string(key), std::move(text));
+  read_.emplace_back(std::string(key), std::move(value));
 }
 
 double SettingsReader::number(const Quantity& quantity) { return number(quantity, quantity.default_value); }
@@ -213,7 +233,7 @@ double SettingsReader::number(const Quantity& quantity, double default_value) {
     result = *number;
     check_range(quantity, result, place(quantity.name));
   }
-  remember(quantity.name, to_text(result));
+  remember(quantity.name, {result, false});
   return result;
 }
 
@@ -231,7 +251,7 @@ bool SettingsReader::flag(std::string_view key, bool default_value) {
     if (!flag) throw InputError(fmt::format("{} must be true or false, not {}", place(key), kind_of(*value)));
     result = *flag;
   }
-  remember(key, result ? "true" : "false");
+  remember(key, {result, false});
   return result;
 }
 
@@ -243,7 +263,7 @@ std::string SettingsReader::text(std::string_view key, std::string_view default_
       throw InputError(fmt::format("{} must be text in quotes, not {}", place(key), kind_of(*value)));
     result = *text;
   }
-  remember(key, toml_text(result));
+  remember(key, {result, false});
   return result;
 }
 
@@ -304,7 +324,7 @@ void SettingsReader::finish() const {
 void SettingsReader::write(std::string& out) const {
   if (!path_.empty() && !read_.empty()) out += fmt::format("\n[{}]\n", path_);
   for (const auto& [key, value] : read_) {
-    out += fmt::format("{} = {}\n", written_key(key), value);
+    out += fmt::format("{} = {}\n", written_key(key), written_value(value));
   }
   for (const auto& entry : children_) entry.second->write(out);
 }
@@ -313,6 +333,13 @@ std::string SettingsReader::full() const {
   std::string out;
   write(out);
   return out;
+}
+
+std::shared_ptr<SettingsTable> SettingsReader::filled() const {
+  auto table = std::make_shared<SettingsTable>();
+  for (const auto& [key, value] : read_) table->entries[key] = value;
+  for (const auto& [key, child] : children_) table->entries[key] = {child->filled(), false};
+  return table;
 }
 
 }  // namespace wiggers

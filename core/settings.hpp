@@ -39,6 +39,8 @@ std::shared_ptr<SettingsTable> parse_settings_text(const std::string& text, cons
 
 // Applies "a.b.c=value" to the table; the value is read as TOML (a bare word counts as a string).
 void override_setting(SettingsTable& table, std::string_view assignment);
+// The same for a number, which takes no way through text.
+void override_setting(SettingsTable& table, std::string_view key, double value);
 
 class SettingsReader {
  public:
@@ -69,17 +71,19 @@ class SettingsReader {
 
   // Everything that was read, defaults included, as TOML.
   std::string full() const;
+  // The same as a table to change and to read again.
+  std::shared_ptr<SettingsTable> filled() const;
 
  private:
   const SettingsValue* find(std::string_view key) const;
-  void remember(std::string_view key, std::string text);
+  void remember(std::string_view key, SettingsValue value);
   void write(std::string& out) const;
 
   mutable std::set<std::string> asked_;  // keys whose presence was asked for
   std::shared_ptr<SettingsTable> table_;
   std::string file_;
   std::string path_;
-  std::vector<std::pair<std::string, std::string>> read_;
+  std::vector<std::pair<std::string, SettingsValue>> read_;
   std::vector<std::pair<std::string, std::unique_ptr<SettingsReader>>> children_;
 };
 

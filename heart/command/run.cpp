@@ -174,7 +174,7 @@ void add_check(CLI::App& app) {
   verb->callback([o] {
     const Scene scene = read_scene(o->scene, o->set);
     if (o->full) {
-      fmt::print("{}", scene.text);
+      fmt::print("{}", scene.text());
       return;
     }
     fmt::print("{}: good\n", o->scene);

@@ -99,7 +99,7 @@ TradeStudy trade_tissue(const std::filesystem::path& scene, const std::vector<st
   std::vector<std::string> conductive;
   for (const char* direction : {"fibre", "sheet", "normal"})
     conductive.push_back(fmt::format("{}conductivity.{}_mm2_per_ms=0.8", ep, direction));
-  const std::string text = read_scene(scene, overrides).text, table = "[" + wall + "stimuli.";
+  const std::string text = read_scene(scene, overrides).text(), table = "[" + wall + "stimuli.";
   for (std::size_t at = text.find(table); at != std::string::npos; at = text.find(table, at + 1))
     conductive.push_back(text.substr(at + 1, text.find(']', at) - at - 1) + ".radius_mm=8");
   const std::vector<std::string> fine_steps = {coarse,

@@ -16,8 +16,7 @@
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/run/monolithic.hpp>
 #include <wiggers/heart/run/paced_cells.hpp>
-#include <wiggers/heart/scene/kind_elastance.hpp>
-#include <wiggers/heart/scene/kind_reduced.hpp>
+#include <wiggers/heart/scene/wall_kind.hpp>
 
 namespace wiggers {
 
@@ -80,7 +79,6 @@ CalciumTrace calcium_trace_of(const Scene& scene, const CellType& type) {
 
 struct Fibre {
   const FibrePlan* plan = nullptr;
-  const ReducedWallParameters* wall = nullptr;
   const CalciumTrace* calcium = nullptr;
   std::unique_ptr<ForceStepper> force;
   std::unique_ptr<CellEquations> equations;
@@ -95,7 +93,7 @@ struct MonolithicHeart::Implementation {
   Scene scene;
   MonolithicSettings settings;
   std::map<std::string, CalciumTrace> calcium;
-  std::array<const WallPlan*, n_chambers> walls{};
+  std::array<std::unique_ptr<ContinuousWall>, n_chambers> walls;
   std::array<int, n_chambers> fibre_of{-1, -1, -1, -1};
   std::vector<Fibre> fibres;
   std::size_t n_differential = n_circulation_states;
@@ -105,12 +103,6 @@ struct MonolithicHeart::Implementation {
   bool damped = false;
   double volume = 0;
 
-  double stretch(int chamber, double V, double* slope) const {
-    const auto lambda = mean_stretch(numbers_of<ReducedNumbers>(*walls[chamber])->wall.sphere, gauss_8(),
-                                     Dual<1>::variable(V, 0));
-    if (slope) *slope = lambda.derivative[0];
-    return lambda.value;
-  }
   // Tension above rest (kPa) and its excess (negative: at rest).
   double tension(const Fibre& f, const double* y, double lambda, double* excess) const {
     const double SL = f.force->reference_length_um() * lambda;
@@ -122,30 +114,14 @@ struct MonolithicHeart::Implementation {
   }
   // Pressure (mmHg) of a chamber: of its wall at a volume and its rate (mL/s), and of the bag.
   double pressure(int c, double t, const double* y, double dV_dt) const {
-    return wall_pressure(c, t, y, dV_dt) +
-           scene.pericardium.pressure(std::accumulate(y + 1, y + n_chambers, y[0]));
-  }
-  double wall_pressure(int c, double t, const double* y, double dV_dt) const {
-    const WallPlan& plan = *walls[c];
-    const double V = y[c];
-    if (const auto* numbers = numbers_of<ElastanceNumbers>(plan))
-      return elastance(numbers->elastance, t, scene.period_s) * (V - numbers->elastance.V0);
-    const ReducedWallParameters& w = numbers_of<ReducedNumbers>(plan)->wall;
-    double slope = 0;
-    const double lambda = stretch(c, V, &slope);
-    double p = passive_pressure(w.sphere, w.passive, gauss_8(), V);
-    const double G = pressure_per_tension(w.sphere, gauss_8(), V);
-    const Fibre& f = fibres[static_cast<std::size_t>(fibre_of[c])];
-    if (f.plan->settings.active) p += (w.n_f + w.n_n) * tension(f, y, lambda, nullptr) * G;
-    p += 2e-3 * w.viscosity_Pa_s * slope * dV_dt * G;
-    if (w.epicardial_stiffness_Pa_per_m > 0 || w.epicardial_damping_Pa_s_per_m > 0) {
-      const auto radius = [](double mL) { return 0.01 * std::cbrt(mL * 3 / (4 * M_PI)); };
-      const double b = radius(V + w.sphere.Vw_mL), b0 = radius(w.sphere.V0_mL + w.sphere.Vw_mL);
-      const double db_dt = b / (3 * (V + w.sphere.Vw_mL)) * dV_dt;
-      p += 1e-3 * (w.epicardial_stiffness_Pa_per_m * (b - b0) + w.epicardial_damping_Pa_s_per_m * db_dt) *
-           square(b0 / b);
+    const ContinuousWall& wall = *walls[c];
+    double T = 0;
+    if (fibre_of[c] >= 0) {
+      const Fibre& f = fibres[static_cast<std::size_t>(fibre_of[c])];
+      if (f.plan->settings.active) T = tension(f, y, wall.stretch(y[c], nullptr), nullptr);
     }
-    return p * units::mmHg_per_kPa;
+    return wall.pressure(t, y[c], dV_dt, T) +
+           scene.pericardium.pressure(std::accumulate(y + 1, y + n_chambers, y[0]));
   }
   // All rates for given pressures.
   void rates(double t, const double* y, const double* p, double* dy) const {
@@ -155,7 +131,7 @@ struct MonolithicHeart::Implementation {
       if (fibre_of[c] < 0) continue;
       const Fibre& f = fibres[static_cast<std::size_t>(fibre_of[c])];
       double slope = 0;
-      const double lambda = stretch(c, y[c], &slope);
+      const double lambda = walls[c]->stretch(y[c], &slope);
       const double SL0 = f.force->reference_length_um();
       const double velocity = scene.rate == RateScheme::none ? 0.0 : SL0 * slope * dy[c];
       const double in[3] = {f.calcium->at(t - f.activation_s), SL0 * lambda, velocity};
@@ -173,7 +149,7 @@ struct MonolithicHeart::Implementation {
     for (std::size_t k = 0; k < fibres.size(); ++k) values[n_valves + k] = 1;
     for (int c = 0; c < n_chambers; ++c)
       if (fibre_of[c] >= 0)
-        (void)tension(fibres[static_cast<std::size_t>(fibre_of[c])], y, stretch(c, y[c], nullptr),
+        (void)tension(fibres[static_cast<std::size_t>(fibre_of[c])], y, walls[c]->stretch(y[c], nullptr),
                       &values[n_valves + fibre_of[c]]);
   }
   std::vector<double> absolute() const {
@@ -293,7 +269,7 @@ struct MonolithicHeart::Implementation {
 };
 
 bool MonolithicHeart::has_equations(const WallPlan& wall) {
-  return numbers_of<ElastanceNumbers>(wall) || numbers_of<ReducedNumbers>(wall);
+  return wall.fibres.size() <= 1 && wall.recipe->continuous(1) != nullptr;
 }
 
 MonolithicHeart::MonolithicHeart(const Scene& scene, MonolithicSettings settings)
@@ -303,27 +279,25 @@ MonolithicHeart::MonolithicHeart(const Scene& scene, MonolithicSettings settings
   m.settings = settings;
   for (const WallPlan& plan : m.scene.walls)
     if (!has_equations(plan))
-      throw InputError(fmt::format(
-          "the monolithic reference has no equations for a {} wall; use reduced or elastance walls",
-          plan.kind));
+      throw InputError(
+          fmt::format("the monolithic reference has no equations of a {} wall in continuous time; use "
+                      "reduced or elastance "
+                      "walls",
+                      plan.kind));
   for (const auto& [name, type] : m.scene.cells) m.calcium.emplace(name, calcium_trace_of(m.scene, type));
   m.state.assign(scene.initial.begin(), scene.initial.end());
   for (const WallPlan& plan : m.scene.walls) {
     const int c = plan.cavities.front();
-    m.walls[c] = &plan;
-    if (const auto* numbers = numbers_of<ElastanceNumbers>(plan)) {
-      const ElastanceParameters& e = numbers->elastance;
-      for (double offset : {0.0, e.TC, e.TC + e.TR}) {
-        const double t = wrapped(e.tC + offset, m.scene.period_s);
-        if (t > 1e-9 && t < m.scene.period_s - 1e-9) m.breaks.insert(t);
-      }
-      continue;
-    }
-    const ReducedWallParameters& reduced = numbers_of<ReducedNumbers>(plan)->wall;
-    m.damped = m.damped || reduced.viscosity_Pa_s > 0 || reduced.epicardial_damping_Pa_s_per_m > 0;
+    m.walls[c] = plan.recipe->continuous(m.scene.period_s);
+    m.damped = m.damped || m.walls[c]->damped();
+    const auto stop_at = [&m](double time) {
+      const double t = wrapped(time, m.scene.period_s);
+      if (t > 1e-9 && t < m.scene.period_s - 1e-9) m.breaks.insert(t);
+    };
+    for (double kink : m.walls[c]->kinks()) stop_at(kink);
+    if (plan.fibres.empty()) continue;
     Fibre fibre;
     fibre.plan = &plan.fibres.front();
-    fibre.wall = &reduced;
     fibre.calcium = &m.calcium.at(fibre.plan->cells);
     const CellModel& model = *fibre.plan->force;
     fibre.force = make_force_stepper<double>(model, fibre.plan->force_parameters);
@@ -334,8 +308,7 @@ MonolithicHeart::MonolithicHeart(const Scene& scene, MonolithicSettings settings
     fibre.offset = m.state.size();
     m.state.insert(m.state.end(), fibre.rest.begin(), fibre.rest.end());
     m.fibre_of[c] = static_cast<int>(m.fibres.size());
-    const double onset = wrapped(fibre.activation_s, m.scene.period_s);
-    if (onset > 1e-9 && onset < m.scene.period_s - 1e-9) m.breaks.insert(onset);
+    stop_at(fibre.activation_s);
     m.fibres.push_back(std::move(fibre));
   }
   m.n_differential = m.state.size();

@@ -116,7 +116,7 @@ void HeartRun::build() {
 
 void HeartRun::resume(const std::filesystem::path& path) {
   const ResultReader file(path);
-  require_same_scene(file, path, scene_.text);
+  require_same_scene(file, path, scene_.text());
   constexpr long most = std::numeric_limits<int>::max();
   const auto numbers = [&](const std::string& entry) {
     return SavedNumbers(file.dataset(entry), file.place(entry));
@@ -237,7 +237,7 @@ void HeartRun::write(const std::filesystem::path& path, const std::vector<double
 
 void HeartRun::write_file(const std::filesystem::path& path, const std::vector<double>& driver_state) const {
   ResultWriter file;
-  write_provenance(file, scene_.title, scene_.text, complete_, cost_.cells_s + cost_.heart_s);
+  write_provenance(file, scene_.title, scene_.text(), complete_, cost_.cells_s + cost_.heart_s);
 
   // A run that was ended within a beat shows the rows of it.
   if (cost_.beats > 0 || complete_)

@@ -21,6 +21,7 @@ struct ElastanceNumbers {
       visit(elastance_quantities[k].name, elastance_quantities[k], *fields[k], true);
   }
   std::unique_ptr<WallOf<T>> make(const WallPlan& plan, const WallSiteOf<T>& site) const;
+  std::unique_ptr<ContinuousWall> continuous(double period_s) const;
   std::string activation_key(const WallPlan&, int) const { return elastance.EA > 0.0 ? "tC" : ""; }
 };
 

@@ -40,6 +40,7 @@ struct ReducedNumbers {
     number(scene_keys::robin_c, w.epicardial_damping_Pa_s_per_m, w.epicardial_damping_Pa_s_per_m > 0.0);
   }
   std::unique_ptr<WallOf<T>> make(const WallPlan& plan, const WallSiteOf<T>& site) const;
+  std::unique_ptr<ContinuousWall> continuous(double period_s) const;
   std::string activation_key(const WallPlan& plan, int) const {
     return plan.fibres.front().settings.active ? std::string(scene_keys::activation.name) : "";
   }

@@ -341,12 +341,6 @@ void read_walls(SettingsReader& walls, Scene& scene) {
   }
 }
 
-std::string full_text(const SettingsReader& reader, const Scene& scene) {
-  std::string text;
-  for (const WallPlan& wall : scene.walls) text += wall.files;
-  return text + reader.full();
-}
-
 // Names of cells are names of groups in the result file.
 void check_cell_name(const SettingsReader& cells, const std::string& name) {
   const bool plain =
@@ -490,9 +484,11 @@ void schedule_fibres(Scene& scene) {
 
 Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
                 const std::filesystem::path& folder) {
-  SettingsReader reader(table, name);
+  const auto settings = std::make_shared<SettingsReader>(table, name);
+  SettingsReader& reader = *settings;
   refuse_unknown_tables(reader, name);
   Scene scene;
+  scene.settings = settings;
   scene.folder = folder;
   scene.title = reader.text("title", name);
   SettingsReader& heart = reader.table("heart");
@@ -511,7 +507,6 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
     schedule_fibres(scene);
   }
   reader.finish();
-  scene.text = full_text(reader, scene);
   return scene;
 }
 
@@ -528,6 +523,25 @@ Scene read_scene_text(const std::string& text, const std::string& name,
   auto table = parse_settings_text(text, name);
   apply(*table, overrides);
   return interpret(table, name, {});
+}
+
+std::string Scene::text() const {
+  std::string text;
+  for (const WallPlan& wall : walls) text += wall.files;
+  return text + settings->full();
+}
+
+Scene with_numbers(const Scene& scene, const std::vector<std::pair<std::string, double>>& changes) {
+  const std::shared_ptr<SettingsTable> table = scene.settings->filled();
+  const std::string initial = "circulation.initial";
+  if (SettingsTable* circulation = table_in(*table, "circulation"))
+    if (SettingsTable* start = table_in(*circulation, "initial")) {
+      start->entries.erase(std::string(circulation_state_quantities[pressure_of(reservoir)].name));
+      override_setting(*table, initial + "." + std::string(total_volume_quantity.name),
+                       total_volume(scene.circulation, scene.initial.data()));
+    }
+  for (const auto& [key, value] : changes) override_setting(*table, key, value);
+  return interpret(table, scene.title, scene.folder);
 }
 
 AtrialActivations atrial_activations_s(const Scene& scene) {

@@ -10,11 +10,13 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 #include <wiggers/cellmodels/catalogue/catalogue.hpp>
 #include <wiggers/cellmodels/models/calcium.hpp>
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/core/limit_cycle.hpp>
+#include <wiggers/core/settings.hpp>
 #include <wiggers/heart/indexes/indexes.hpp>
 #include <wiggers/heart/walls/cell_source.hpp>
 #include <wiggers/heart/walls/pericardium.hpp>
@@ -62,8 +64,8 @@ struct WallPlan {
 
 struct Scene {
   std::string title;
-  std::filesystem::path folder;  // of the scene file
-  std::string text;              // the scene with all defaults filled in, files it reads by their checksum
+  std::filesystem::path folder;                    // of the scene file
+  std::shared_ptr<const SettingsReader> settings;  // all that was read, defaults filled in
   Physics physics = Physics::heart;
   double period_s = 0.8;
   double body_surface_area_m2 = 1.9;
@@ -92,12 +94,18 @@ struct Scene {
   double rows_every_ms = 1;  // of its result
   int load_steps = 10;       // of mechanics: equilibria on the way to the whole load, one row each
   std::vector<std::string> warnings;
+
+  // The scene with all defaults filled in, files it reads by their checksum.
+  std::string text() const;
 };
 
 // Reads and checks a scene file with overrides ("solver.dt_s=5e-4"). Refuses with InputError before any work.
 Scene read_scene(const std::filesystem::path& path, const std::vector<std::string>& overrides);
 Scene read_scene_text(const std::string& text, const std::string& name,
                       const std::vector<std::string>& overrides);
+// The scene with other numbers, by their keys, checked as all scenes are. The blood's volume is a number of
+// its own (circulation.initial.total_volume): it stays what it is when others change.
+Scene with_numbers(const Scene& scene, const std::vector<std::pair<std::string, double>>& changes);
 
 // When the atria (left, right) begin to contract (s); nothing for one that does not.
 AtrialActivations atrial_activations_s(const Scene& scene);

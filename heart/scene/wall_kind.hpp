@@ -8,6 +8,8 @@
 //                                      the term at all
 //       make(plan, site)               the wall of these numbers
 //       activation_key(plan, chamber)  the number that is the chamber's onset of contraction; empty: none
+//       continuous(period_s)           optional: its equations in continuous time, for the monolithic
+//       reference
 //     and give plan.recipe = std::make_shared<RecipeOf<XNumbers>>(numbers). A wall without derivatives or
 //     numbers that change writes a WallRecipe itself.
 //  3. Write read(table, scene, plan), which fills plan.fibres and plan.recipe from the wall's table, and
@@ -29,6 +31,7 @@
 #include <wiggers/core/settings.hpp>
 #include <wiggers/heart/scene/scene.hpp>
 #include <wiggers/heart/walls/active_fibre.hpp>
+#include <wiggers/heart/walls/continuous_wall.hpp>
 #include <wiggers/heart/walls/wall.hpp>
 
 namespace wiggers {
@@ -62,6 +65,11 @@ class WallRecipe {
   // Which of numbers() is a chamber's onset of contraction (s or ms).
   virtual std::optional<std::size_t> activation_number(const WallPlan& plan, int chamber) const;
   virtual std::optional<double> activation_s(const WallPlan& plan, int chamber, double period_s) const;
+  // The wall's equations in continuous time; null: none that the monolithic reference could integrate.
+  virtual std::unique_ptr<ContinuousWall> continuous(double period_s) const {
+    (void)period_s;
+    return nullptr;
+  }
   // A body in space: has fields, checkpoints within a beat, and steps of its own.
   virtual bool in_space() const { return false; }
 };
@@ -70,7 +78,6 @@ template <template <class> class Numbers>
 class RecipeOf final : public WallRecipe {
  public:
   explicit RecipeOf(Numbers<double> plain) : plain_(std::move(plain)) {}
-  const Numbers<double>& plain() const { return plain_; }
 
   std::vector<NamedParameter> numbers(const WallPlan& plan) const override {
     std::vector<NamedParameter> list;
@@ -96,6 +103,10 @@ class RecipeOf final : public WallRecipe {
       if (list[k].name == key) return k;
     return {};
   }
+  std::unique_ptr<ContinuousWall> continuous(double period_s) const override {
+    if constexpr (requires { plain_.continuous(period_s); }) return plain_.continuous(period_s);
+    return nullptr;
+  }
 
  private:
   template <class T>
@@ -116,13 +127,6 @@ class RecipeOf final : public WallRecipe {
 
   Numbers<double> plain_;
 };
-
-// The numbers of a wall of this kind; null for a wall of another.
-template <template <class> class Numbers>
-const Numbers<double>* numbers_of(const WallPlan& plan) {
-  const auto* recipe = dynamic_cast<const RecipeOf<Numbers>*>(plan.recipe.get());
-  return recipe ? &recipe->plain() : nullptr;
-}
 
 // A name that may stand in [walls], and what it encloses.
 struct WallPlace {

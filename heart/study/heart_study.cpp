@@ -12,26 +12,6 @@
 
 namespace wiggers {
 
-namespace {
-// The scene's text with the blood volume as a number of its own, so that other numbers leave it alone.
-std::string with_total_volume(const Scene& scene) {
-  const std::string section = "\n[circulation.initial]\n";
-  std::string text = scene.text;
-  const std::size_t begin = text.find(section);
-  const std::size_t end = std::min(text.size(), text.find("\n[", begin + 1));
-  const std::size_t pressure =
-      text.find(fmt::format("\n{} = ", circulation_state_quantities[pressure_of(reservoir)].name), begin);
-  if (begin != std::string::npos && pressure < end) {
-    const std::size_t stop = text.find('\n', pressure + 1);
-    text.replace(
-        pressure + 1, stop - pressure - 1,
-        fmt::format("total_volume = {}", to_text(total_volume(scene.circulation, scene.initial.data()))));
-  }
-  return text;
-}
-
-}  // namespace
-
 // The scene's numbers that carry derivatives.
 template <class T>
 struct HeartStudy::Numbers {
@@ -102,12 +82,10 @@ HeartStudy::HeartStudy(Scene scene) : scene_(std::move(scene)) {
     if (cell.ionic && !cell.from_limit_cycle)
       throw InputError(
           fmt::format("cells.{}.start = \"published\": a study has its cells on their limit cycles", name));
-  text_ = with_total_volume(scene_);
 }
 
 HeartStudy HeartStudy::copy() const {
   HeartStudy other(scene_);
-  other.text_ = text_;
   other.cells_ = cells_;
   other.between_beats_ = between_beats_;
   return other;
@@ -173,22 +151,20 @@ void HeartStudy::set_parameters(std::span<const double> values) {
   if (values.size() != list.size())
     throw InputError(
         fmt::format("this heart has {} parameters, {} values were given", list.size(), values.size()));
-  std::vector<std::string> overrides;
+  std::vector<std::pair<std::string, double>> changes;
   for (std::size_t k = 0; k < values.size(); ++k) {
     check_range(list[k].quantity, values[k], list[k].name);
     if (values[k] == list[k].value) continue;
-    overrides.push_back(fmt::format("{}={}", list[k].name, to_text(values[k])));
+    changes.emplace_back(list[k].name, values[k]);
     // Steps and sub-steps divide the period into the same numbers of parts.
     if (list[k].name == "heart.period_s") {
       const double ratio = values[k] / scene_.period_s;
-      overrides.push_back(fmt::format("solver.dt_s={}", to_text(scene_.dt_s * ratio)));
-      overrides.push_back(
-          fmt::format("solver.regulatory_substep_us={}", to_text(scene_.regulatory_substep_us * ratio)));
+      changes.emplace_back("solver.dt_s", scene_.dt_s * ratio);
+      changes.emplace_back("solver.regulatory_substep_us", scene_.regulatory_substep_us * ratio);
     }
   }
-  if (overrides.empty()) return;
-  Scene changed = read_scene_text(text_, "scene", overrides);
-  text_ = with_total_volume(changed);
+  if (changes.empty()) return;
+  Scene changed = with_numbers(scene_, changes);
   // Cells keep their cycles where nothing that moves them has changed.
   std::erase_if(cells_, [&](const auto& entry) {
     const CellType& now = changed.cells.at(entry.first);

@@ -104,7 +104,6 @@ class HeartStudy {
                                                        AtrialActivationsOf<Tangent>& atria);
 
   Scene scene_;
-  std::string text_;  // the scene's, with total_volume in place of p_VEN_SYS
   std::map<std::string, SolvedCell> cells_;
   std::unique_ptr<HeartDriver> driver_;
   std::function<void(const LimitCycleCertificate&)> between_beats_;

@@ -14,7 +14,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         wiggers::read_scene_text(std::string(reinterpret_cast<const char*>(data), size), "scene.toml", {});
     fuzzing::require(scene.period_s > 0 && scene.dt_s > 0 && scene.dt_s < scene.period_s, "period and step");
     // What a result keeps of a scene is a scene.
-    (void)wiggers::read_scene_text(scene.text, "again.toml", {});
+    (void)wiggers::read_scene_text(scene.text(), "again.toml", {});
   });
   return 0;
 }

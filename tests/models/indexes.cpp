@@ -133,6 +133,6 @@ TEST_CASE("the full scene reads back to itself") {
   for (const char* name :
        {"whole_heart", "mixed", "elastance_healthy", "no_rate_feedback", "no_volume_stabilisation"}) {
     const Scene scene = read_scene(scenes + name + ".toml", {});
-    CHECK(read_scene_text(scene.text, name, {}).text == scene.text);
+    CHECK(read_scene_text(scene.text(), name, {}).text() == scene.text());
   }
 }

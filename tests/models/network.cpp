@@ -151,7 +151,7 @@ TEST_CASE("a shunt of a base is closed by false") {
   const Scene open = read_scene(folder / "open.toml", {}), closed = read_scene(folder / "closed.toml", {});
   CHECK(open.circulation.has_shunts());
   CHECK(!closed.circulation.has_shunts());
-  CHECK(!read_scene_text(closed.text, "again", {}).circulation.has_shunts());
+  CHECK(!read_scene_text(closed.text(), "again", {}).circulation.has_shunts());
   std::filesystem::remove_all(folder);
   CHECK(present({"circulation.shunts.ASD.area_cm2=1"}));
   CHECK(!present({"circulation.shunts.ASD=false"}));

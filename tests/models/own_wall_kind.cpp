@@ -77,7 +77,7 @@ Scene scene_with_bags(std::vector<std::string> more = {}) {
 
 TEST_CASE("a kind of wall of one's own is read, run and refused as the others are") {
   const Scene scene = scene_with_bags();
-  CHECK(scene.text.find("stiffness_mmHg_per_mL = 0.08") != std::string::npos);
+  CHECK(scene.text().find("stiffness_mmHg_per_mL = 0.08") != std::string::npos);
   CHECK_THROWS_WITH(scene_with_bags({"walls.LA.slack_volume_mL=500"}), Catch::Contains("slack_volume_mL"));
   CHECK_THROWS_WITH(scene_with_bags({"walls.LA.slak_volume_mL=5"}), Catch::Contains("slack_volume_mL"));
   CHECK_THROWS_WITH(scene_with_bags({"walls.LV.kind=bag"}), Catch::Contains("elastance"));

@@ -6,7 +6,7 @@
 #include <wiggers/core/dual.hpp>
 #include <wiggers/core/simd.hpp>
 #include <wiggers/tissue/laws/laws.hpp>
-#include <wiggers/tissue/laws/parameters.hpp>
+#include <wiggers/tissue/laws/material.hpp>
 #include <wiggers/tissue/physics/element.hpp>
 
 using namespace wiggers;
@@ -64,6 +64,8 @@ double difference(const Matrix& a, const Matrix& b) {
 template <class Check>
 void for_all_laws(Check check) {
   std::mt19937 random(11);
+  for_each_material_kind(
+      [&](auto kind) { check(std::string(kind.name), kind.law(defaults_of(kind.quantities))); });
   check("Usyk", UsykLaw3{});
   check("Guccione", UsykLaw3::guccione(2000, 8, 2, 4));
   check("penalty", VolumetricPenalty{});
@@ -433,23 +435,39 @@ TEST_CASE("laws in lanes are the laws one by one") {
   check(WallViscosityOf<Batch>{40, 1e-3, {}}, WallViscosity{40, 1e-3, {}});
 }
 
-TEST_CASE("lists of parameters make the laws") {
-  const UsykLaw3 usyk = usyk_law(defaults_of(usyk_quantities));
+TEST_CASE("scenes make the laws from their defaults") {
+  const auto read = [](const std::string& text, Tissue tissue) {
+    SettingsReader reader(parse_settings_text(text, "law.toml"), "law.toml");
+    Material material = read_material(reader, tissue);
+    reader.finish();
+    return material;
+  };
+  const Material muscle = read("", Tissue::ventricle);
+  const UsykLaw3 usyk = std::get<UsykLaw3>(muscle.law);
   CHECK(usyk.C_Pa == 880);
   for (int a = 0; a < 3; ++a)
     for (int b = 0; b < 3; ++b) CHECK(usyk.b[a][b] == UsykLaw3{}.b[a][b]);
-  CHECK(volumetric_penalty(defaults_of(usyk_quantities)).B_Pa == 50e3);
-  const UsykLaw3 guccione = guccione_law(defaults_of(guccione_quantities));
+  CHECK(muscle.bulk_Pa == 50e3);
+  CHECK(muscle.stiffness_Pa == 880 * 8);
+  CHECK(std::get<UsykLaw3>(read("", Tissue::left_atrium).law).C_Pa == 1760);
+  CHECK(std::get<UsykLaw3>(read("", Tissue::right_atrium).law).C_Pa == 1470);
+  const Material beam = read("law = \"guccione\"\nbulk_Pa = 7e4", Tissue::ventricle);
+  const UsykLaw3 guccione = std::get<UsykLaw3>(beam.law);
   CHECK(guccione.b[0][0] == 8);
   CHECK(guccione.b[1][2] == 2);
   CHECK(guccione.b[2][0] == 4);
-  const NeoHookean valve = neo_hookean_law(defaults_of(neo_hookean_quantities));
-  CHECK(valve.mu_Pa == 1e6);
-  CHECK(valve.volume().kappa_Pa == 5e6);
-  const HolzapfelOgden ho = holzapfel_ogden_law(defaults_of(holzapfel_ogden_quantities));
+  CHECK(beam.bulk_Pa == 7e4);
+  const Material valve = read("", Tissue::other);
+  CHECK(std::get<NeoHookean>(valve.law).mu_Pa == 1e6);
+  CHECK(std::get<NeoHookean>(valve.law).volume().kappa_Pa == 5e6);
+  CHECK(valve.bulk_Pa == Approx(5e6));
+  CHECK(std::get<NeoHookean>(read("", Tissue::artery).law).mu_Pa == 5.25e5);
+  const Material layered = read("law = \"holzapfel-ogden\"", Tissue::ventricle);
   std::mt19937 random(14);
   const Matrix F = random_deformation(random);
-  CHECK(difference(stress(ho, F), stress(HolzapfelOgden{}, F)) == 0);
+  CHECK(difference(stress(std::get<HolzapfelOgden>(layered.law), F), stress(HolzapfelOgden{}, F)) == 0);
+  CHECK_THROWS_WITH(read("law = \"neo-hookean\"\nbulk_Pa = 1", Tissue::artery), Catch::Contains("bulk_Pa"));
+  CHECK_THROWS_WITH(read("law = \"usik\"", Tissue::ventricle), Catch::Contains("usyk"));
 }
 
 namespace {

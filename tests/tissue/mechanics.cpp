@@ -20,14 +20,17 @@ namespace {
 using Numbers = std::vector<double>;
 
 struct NamedLaw {
-  const char* name;
+  std::string name;
   ShapeLaw law;
 };
 const std::vector<NamedLaw>& laws() {
-  static const std::vector<NamedLaw> all = {{"Usyk", UsykLaw3{}},
-                                            {"neo-Hookean", NeoHookean{3e3, 20e3}},
-                                            {"Guccione", UsykLaw3::guccione(2e3, 8, 2, 4)},
-                                            {"Holzapfel-Ogden", HolzapfelOgden{}}};
+  static const std::vector<NamedLaw> all = [] {
+    std::vector<NamedLaw> list;
+    for_each_material_kind([&](auto kind) {
+      list.push_back({std::string(kind.name), kind.law(defaults_of(kind.quantities))});
+    });
+    return list;
+  }();
   return all;
 }
 
@@ -158,11 +161,10 @@ TEST_CASE("the residual of an affine motion is its boundary work") {
         // By the laws themselves: P in the fibre frame, from F R with the columns f0, s0, n0 of R.
         const Matrix FR = F * R;
         Matrix P;
-        std::visit([&](const auto& l) { add_stress(l, FR, P); }, law);
-        if (const auto* neo = std::get_if<NeoHookean>(&law))
-          add_stress(neo->volume(), FR, P);
-        else
-          add_stress(VolumetricPenalty{20e3}, FR, P);
+        visit_material({1, law, 20e3}, [&](const auto& shape, const auto& volumetric) {
+          add_stress(shape, FR, P);
+          add_stress(volumetric, FR, P);
+        });
         if (active) add_stress(stress, FR, P);
         const Matrix P0 = P * transpose(R);
         const double scale = volume_of(mesh) * std::sqrt(contract(P0, P0));

@@ -167,7 +167,7 @@ struct ElectrophysiologyRun {
       const auto text = summary().dump();
       tissue_services().on_first_rank([&] {
         ResultWriter file;
-        write_provenance(file, scene.title, scene.text, complete, start_s + run_s);
+        write_provenance(file, scene.title, scene.text(), complete, start_s + run_s);
         file.dataset("/time", rows.columns[0].values, "s", "time");
         for (std::size_t k = 1; k < rows.columns.size(); ++k)
           file.dataset("/body/" + rows.columns[k].name, rows.columns[k].values, rows.columns[k].unit,
@@ -188,7 +188,7 @@ struct ElectrophysiologyRun {
 
   void resume() {
     const ResultReader file(*request.resume);
-    require_same_scene(file, *request.resume, scene.text);
+    require_same_scene(file, *request.resume, scene.text());
     build({});
     const std::vector<double> state = file.finite("/checkpoint/body");
     std::span<const double> in = state;

@@ -232,7 +232,7 @@ struct MechanicsRun {
     for (const Point3& p : mesh->points) points.insert(points.end(), p.begin(), p.end());
     tissue_services().on_first_rank([&] {
       ResultWriter file;
-      write_provenance(file, scene.title, scene.text, complete, start_s + run_s);
+      write_provenance(file, scene.title, scene.text(), complete, start_s + run_s);
       for (const Column& column : rows.columns)
         file.dataset(column.name, column.values, column.unit, column.meaning);
       file.text("/summary", summary().dump());
@@ -273,7 +273,7 @@ struct MechanicsRun {
 
   void resume() {
     const ResultReader file(*request.resume);
-    require_same_scene(file, *request.resume, scene.text);
+    require_same_scene(file, *request.resume, scene.text());
     image = make_mesh(plan, chambers, "body", communicator);
     auto points = std::make_shared<TetMesh>(*image);
     const std::vector<double> flat = file.finite("/checkpoint/points", 3 * points->points.size());

@@ -6,7 +6,7 @@
 #include <wiggers/heart/scene/scene_keys.hpp>
 #include <wiggers/tissue/body/body.hpp>
 #include <wiggers/tissue/body/plan.hpp>
-#include <wiggers/tissue/laws/parameters.hpp>
+#include <wiggers/tissue/laws/material.hpp>
 
 namespace wiggers {
 
@@ -17,44 +17,20 @@ namespace keys = tissue_keys;
 // A Poisson ratio above 0.49: there linear tetrahedra, which have one volume each and few freedoms, lock.
 constexpr double locking_ratio = 50;
 
-template <std::size_t N>
-std::array<double, N> read_all(SettingsReader& table, const std::array<Quantity, N>& quantities,
-                               const std::array<double, N>& defaults) {
-  std::array<double, N> values{};
-  for (std::size_t k = 0; k < N; ++k) values[k] = table.number(quantities[k], defaults[k]);
-  return values;
-}
-
-Material read_material(SettingsReader& table, int tag) {
-  const bool muscle = mesh_tags::conductive(tag);
-  const std::vector<std::string> laws = {"usyk", "guccione", "holzapfel-ogden", "neo-hookean"};
-  const std::string law = table.choice("law", muscle ? "usyk" : "neo-hookean", laws, "material law");
-  Material material;
-  material.tag = tag;
-  if (law == "usyk") {
-    auto defaults = defaults_of(usyk_quantities);
-    if (tag == mesh_tags::right_atrium) defaults[0] = 1470;
-    if (tag == mesh_tags::left_atrium) defaults[0] = 1760;
-    const auto values = read_all(table, usyk_quantities, defaults);
-    material.law = usyk_law(values);
-    material.stiffness_Pa = values[0] * std::max({values[1], values[2], values[3]});
-    material.bulk_Pa = values.back();
-  } else if (law == "guccione") {
-    const auto values = read_all(table, guccione_quantities, defaults_of(guccione_quantities));
-    material.law = guccione_law(values);
-    material.stiffness_Pa = values[0] * std::max(values[1], values[2]);
-    material.bulk_Pa = values.back();
-  } else if (law == "holzapfel-ogden") {
-    const auto values = read_all(table, holzapfel_ogden_quantities, defaults_of(holzapfel_ogden_quantities));
-    material.law = holzapfel_ogden_law(values);
-    material.stiffness_Pa = std::max({values[0], values[2], values[4]});
-    material.bulk_Pa = values.back();
-  } else {
-    auto defaults = defaults_of(neo_hookean_quantities);
-    if (tag == mesh_tags::aorta || tag == mesh_tags::pulmonary_trunk) defaults = {5.25e5, 1e6};
-    material.law = neo_hookean_law(read_all(table, neo_hookean_quantities, defaults));
+Tissue tissue_of(int tag) {
+  switch (tag) {
+    case mesh_tags::ventricles:
+      return Tissue::ventricle;
+    case mesh_tags::left_atrium:
+      return Tissue::left_atrium;
+    case mesh_tags::right_atrium:
+      return Tissue::right_atrium;
+    case mesh_tags::aorta:
+    case mesh_tags::pulmonary_trunk:
+      return Tissue::artery;
+    default:
+      return Tissue::other;
   }
-  return material;
 }
 
 Support read_support(SettingsReader& table, int tag) {
@@ -207,9 +183,11 @@ void read_mechanics(SettingsReader& table, Physics physics, std::vector<int>& ch
   // A mesh file may hold any of them; which it holds is seen when it is read.
   for (int tag : shape.empty() ? volumes_of("heart") : volumes_of(shape))
     if (std::find(tags.begin(), tags.end(), tag) == tags.end()) tags.push_back(tag);
-  for (int tag : tags)
-    s.materials.push_back(
-        read_material(materials.table(std::string(mesh_tags::name_of_tag(mesh_tags::volumes, tag))), tag));
+  for (int tag : tags) {
+    const std::string name(mesh_tags::name_of_tag(mesh_tags::volumes, tag));
+    s.materials.push_back(read_material(materials.table(name), tissue_of(tag)));
+    s.materials.back().tag = tag;
+  }
 
   SettingsReader& supports = table.table("supports");
   std::vector<int> held = named_tags(supports, mesh_tags::surfaces, "surface tag");

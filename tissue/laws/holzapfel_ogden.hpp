@@ -20,6 +20,10 @@
 // dispersion either.
 #pragma once
 
+#include <algorithm>
+#include <array>
+#include <string_view>
+#include <wiggers/core/quantity.hpp>
 #include <wiggers/tissue/laws/isotropic.hpp>
 
 namespace wiggers {
@@ -152,5 +156,28 @@ void add_stress_and_tangent(const HolzapfelOgden& law, const Matrix3<T>& F, Matr
       row_s[1] = row_s[1] + (sheet * ss + w.fs.second * ff);
     }
 }
+
+// Defaults: Table 1 of the paper (simple shear of pig myocardium).
+struct HolzapfelOgdenMaterial {
+  static constexpr std::string_view name = "holzapfel-ogden";
+  static constexpr std::array quantities = {
+      Quantity{"a_Pa", "Pa", 59, 0, 1e7, "stiffness of the matrix between fibres"},
+      Quantity{"b", "1", 8.023, 0, 1e3, "exponent of the matrix"},
+      Quantity{"a_f_Pa", "Pa", 18472, 0, 1e7, "stiffness along the fibre"},
+      Quantity{"b_f", "1", 16.026, 0, 1e3, "exponent along the fibre"},
+      Quantity{"a_s_Pa", "Pa", 2481, 0, 1e7, "stiffness along the sheet"},
+      Quantity{"b_s", "1", 11.120, 0, 1e3, "exponent along the sheet"},
+      Quantity{"a_fs_Pa", "Pa", 216, 0, 1e7, "stiffness of shear between fibre and sheet"},
+      Quantity{"b_fs", "1", 11.436, 0, 1e3, "exponent of shear between fibre and sheet"},
+      Quantity{"kappa_f", "1", 0, 0, 1.0 / 3.0, "dispersion of fibres: 0 none, 1/3 all directions alike"},
+      Quantity{"fibres_bear_compression", "1", 0, 0, 1,
+               "1: the terms of fibre and sheet resist shortening too; 0: stretch only"},
+  };
+  using Values = std::array<double, quantities.size()>;
+  static constexpr HolzapfelOgden law(const Values& v) {
+    return {v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9] > 0.5};
+  }
+  static constexpr double stiffness_Pa(const Values& v) { return std::max({v[0], v[2], v[4]}); }
+};
 
 }  // namespace wiggers

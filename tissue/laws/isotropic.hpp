@@ -7,6 +7,9 @@
 // alone is a law of shape; Ogden, Non-Linear Elastic Deformations, 1984.
 #pragma once
 
+#include <array>
+#include <string_view>
+#include <wiggers/core/quantity.hpp>
 #include <wiggers/tissue/laws/parts.hpp>
 #include <wiggers/tissue/laws/volume.hpp>
 
@@ -75,5 +78,20 @@ void add_stress_and_tangent(const NeoHookean& law, const Matrix3<T>& F, Matrix3<
   add_scaled(half_mu, I1.slope, P);
   I1.add_tangent(half_mu, T(0.0), F, A);
 }
+
+// Defaults: valves and caps, and the great arteries.
+struct NeoHookeanMaterial {
+  static constexpr std::string_view name = "neo-hookean";
+  static constexpr std::array quantities = {
+      Quantity{"mu_Pa", "Pa", 1e6, 0, 1e9, "shear modulus"},
+      Quantity{"kappa_Pa", "Pa", 5e6, 0, 1e10, "bulk modulus"},
+  };
+  using Values = std::array<double, quantities.size()>;
+  static constexpr Values defaults(Tissue tissue) {
+    return tissue == Tissue::artery ? Values{5.25e5, 1e6} : defaults_of(quantities);
+  }
+  static constexpr NeoHookean law(const Values& v) { return {v[0], v[1]}; }
+  static constexpr double stiffness_Pa(const Values& v) { return v[0]; }
+};
 
 }  // namespace wiggers

@@ -6,6 +6,7 @@
 #include <wiggers/tissue/laws/active.hpp>
 #include <wiggers/tissue/laws/holzapfel_ogden.hpp>
 #include <wiggers/tissue/laws/isotropic.hpp>
+#include <wiggers/tissue/laws/material.hpp>
 #include <wiggers/tissue/laws/parts.hpp>
 #include <wiggers/tissue/laws/usyk.hpp>
 #include <wiggers/tissue/laws/volume.hpp>

@@ -24,6 +24,12 @@
 
 namespace wiggers {
 
+// Kinds of tissue whose usual numbers differ.
+enum class Tissue { ventricle, left_atrium, right_atrium, artery, other };
+constexpr bool is_muscle(Tissue tissue) {
+  return tissue == Tissue::ventricle || tissue == Tissue::left_atrium || tissue == Tissue::right_atrium;
+}
+
 // The table of a tangent, as functions take it.
 template <class T>
 using TangentRows = T (*)[9];

@@ -12,6 +12,10 @@
 //   A_iajb = k [M_ab delta_ij + 1/2 delta_ab sum_c b_ac F_ic F_jc + 1/2 b_ab F_ib F_ja + 2 (FM)_ia (FM)_jb].
 #pragma once
 
+#include <algorithm>
+#include <array>
+#include <string_view>
+#include <wiggers/core/quantity.hpp>
 #include <wiggers/tissue/laws/parts.hpp>
 
 namespace wiggers {
@@ -91,5 +95,44 @@ void add_stress_and_tangent(const UsykLaw3& law, const Matrix3<T>& F, Matrix3<T>
         }
     }
 }
+
+// Defaults: ventricles and atria of Fedele et al. 2023.
+struct UsykMaterial {
+  static constexpr std::string_view name = "usyk";
+  static constexpr std::array quantities = {
+      Quantity{"C_Pa", "Pa", 880, 0, 1e7, "stiffness C of the law C/2 (e^Q - 1)"},
+      Quantity{"b_ff", "1", 8, 0, 1e3, "exponent of stretch along the fibre"},
+      Quantity{"b_ss", "1", 6, 0, 1e3, "exponent of stretch along the sheet, across the fibre"},
+      Quantity{"b_nn", "1", 3, 0, 1e3, "exponent of stretch normal to the sheet"},
+      Quantity{"b_fs", "1", 12, 0, 1e3, "exponent of shear between fibre and sheet"},
+      Quantity{"b_fn", "1", 3, 0, 1e3, "exponent of shear between fibre and normal"},
+      Quantity{"b_sn", "1", 3, 0, 1e3, "exponent of shear between sheet and normal"},
+  };
+  using Values = std::array<double, quantities.size()>;
+  static constexpr Values defaults(Tissue tissue) {
+    Values values = defaults_of(quantities);
+    if (tissue == Tissue::right_atrium) values[0] = 1470;
+    if (tissue == Tissue::left_atrium) values[0] = 1760;
+    return values;
+  }
+  static constexpr UsykLaw3 law(const Values& v) {
+    return UsykLaw3::from(v[0], v[1], v[2], v[3], v[4], v[5], v[6]);
+  }
+  static constexpr double stiffness_Pa(const Values& v) { return v[0] * std::max({v[1], v[2], v[3]}); }
+};
+
+// Defaults: the bending beam of Land et al., Proc R Soc A 471:20150641, 2015, problem 1.
+struct GuccioneMaterial {
+  static constexpr std::string_view name = "guccione";
+  static constexpr std::array quantities = {
+      Quantity{"C_Pa", "Pa", 2000, 0, 1e7, "stiffness C of the law C/2 (e^Q - 1)"},
+      Quantity{"b_f", "1", 8, 0, 1e3, "exponent of stretch along the fibre"},
+      Quantity{"b_t", "1", 2, 0, 1e3, "exponent of stretch and shear across the fibre"},
+      Quantity{"b_fs", "1", 4, 0, 1e3, "exponent of shear between the fibre and directions across it"},
+  };
+  using Values = std::array<double, quantities.size()>;
+  static constexpr UsykLaw3 law(const Values& v) { return UsykLaw3::guccione(v[0], v[1], v[2], v[3]); }
+  static constexpr double stiffness_Pa(const Values& v) { return v[0] * std::max(v[1], v[2]); }
+};
 
 }  // namespace wiggers

@@ -7,9 +7,14 @@
 // itself with the functions that take U' and U'' as numbers.
 #pragma once
 
+#include <wiggers/core/quantity.hpp>
 #include <wiggers/tissue/laws/parts.hpp>
 
 namespace wiggers {
+
+// Bulk modulus of myocardium.
+inline constexpr Quantity bulk_quantity = {
+    "bulk_Pa", "Pa", 50e3, 0, 1e9, "bulk modulus B of the penalty B/2 (J - 1) ln J on changes of volume"};
 
 // U = B/2 (J - 1) ln J: infinite at J = 0, convex, and softer than quadratic in expansion. B is the bulk
 // modulus.

@@ -164,21 +164,15 @@ struct Mechanics::Implementation {
       else
         add_stress(law, F, P);
     };
-    std::visit(
-        [&](const auto& law) {
-          add(law);
-          if (mean) {
-            if constexpr (tangent)
-              add_volumetric_stress_and_tangent(slope, 0.0, F, P, A);
-            else
-              add_volumetric_stress(slope, F, P);
-          } else if constexpr (std::is_same_v<std::decay_t<decltype(law)>, NeoHookean>) {
-            add(law.volume());
-          } else {
-            add(VolumetricPenalty{material.bulk_Pa});
-          }
-        },
-        material.law);
+    visit_material(material, [&](const auto& law, const auto& volumetric) {
+      add(law);
+      if (!mean)
+        add(volumetric);
+      else if constexpr (tangent)
+        add_volumetric_stress_and_tangent(slope, 0.0, F, P, A);
+      else
+        add_volumetric_stress(slope, F, P);
+    });
     if (!tension.empty() && active[cell]) {
       ActiveStress stress;
       const CellTension& here = tension[cell];
@@ -196,9 +190,9 @@ struct Mechanics::Implementation {
   }
 
   VolumeDerivatives<double> volumetric(int cell, double J) const {
-    const Material& material = settings.materials[material_of[cell]];
-    if (const auto* law = std::get_if<NeoHookean>(&material.law)) return volume_derivatives(law->volume(), J);
-    return volume_derivatives(VolumetricPenalty{material.bulk_Pa}, J);
+    return visit_material(settings.materials[material_of[cell]], [&](const auto&, const auto& volumetric) {
+      return volume_derivatives(volumetric, J);
+    });
   }
 
   template <bool tangent>

@@ -17,25 +17,12 @@
 #include <memory>
 #include <span>
 #include <string>
-#include <variant>
 #include <vector>
 #include <wiggers/tissue/fibres/fibres.hpp>
 #include <wiggers/tissue/laws/laws.hpp>
 #include <wiggers/tissue/parallel/algebra.hpp>
 
 namespace wiggers {
-
-using ShapeLaw = std::variant<UsykLaw3, NeoHookean, HolzapfelOgden>;
-
-// The law of all cells with a volume tag. The bulk modulus is that of the penalty B/2 (J - 1) ln J;
-// neo-Hookean materials bring their own volumetric law.
-struct Material {
-  int tag = 0;
-  ShapeLaw law;
-  double bulk_Pa = 50e3;
-  double stiffness_Pa =
-      0;  // the largest of the law at rest, to be compared with the bulk modulus; 0: unknown
-};
 
 // What holds a surface, per area: springs and dashpots along the unloaded normal, and in all directions.
 struct Support {

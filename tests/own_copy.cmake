@@ -1,0 +1,31 @@
+# A copy of a folder of sources, in which a recipe is followed and whose result is built and tested.
+include_guard()
+
+# own_copy(FOLDER NAME): copies FOLDER of the project; sets NAME_include and NAME_sources.
+function(own_copy folder name)
+  set(include ${CMAKE_CURRENT_BINARY_DIR}/${name}/include)
+  file(GLOB files CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/${folder}/*.?pp)
+  set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${files})
+  file(MAKE_DIRECTORY ${include}/wiggers/${folder})
+  foreach(file ${files})
+    get_filename_component(leaf ${file} NAME)
+    configure_file(${file} ${include}/wiggers/${folder}/${leaf} COPYONLY)
+  endforeach()
+  file(GLOB sources ${include}/wiggers/${folder}/*.cpp)
+  set(${name}_include ${include} PARENT_SCOPE)
+  set(${name}_sources ${sources} PARENT_SCOPE)
+endfunction()
+
+# own_line(NAME/FILE PATTERN REPLACEMENT): one step of a recipe; it must find its place.
+function(own_line file pattern replacement)
+  string(REGEX MATCH "^([^/]*)/(.*)$" all ${file})
+  set(name ${CMAKE_MATCH_1})
+  set(inside ${CMAKE_MATCH_2})
+  set(path ${${name}_include}/wiggers/${inside})
+  file(READ ${path} before)
+  string(REGEX REPLACE "${pattern}" "${replacement}" after "${before}")
+  if(after STREQUAL before)
+    message(FATAL_ERROR "${inside} has no place for '${replacement}'")
+  endif()
+  file(WRITE ${path} "${after}")
+endfunction()
