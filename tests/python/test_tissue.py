@@ -93,6 +93,11 @@ def test_a_whole_beat_ejects_and_is_audited(tmp_path, mesh):
             assert item.attrs["unit"] and item.attrs["meaning"], name
             assert np.isfinite(item[()]), name
         assert figures["ranks"][()] == 1 and figures["steps"][()] == 400
+        # Counts repeat, times do not: lost efficiency fails here. A count that falls by a lot is written down anew.
+        for name, recorded in (("tangents", 847), ("residuals", 852), ("solves", 1247), ("solver_iterations", 50592),
+                               ("electrophysiology_iterations", 18893)):
+            assert 0.875 * recorded <= figures[name][()] <= 1.04 * recorded, name
+        assert figures["direct_solves"][()] == figures["rejected_steps"][()] == 0
         volumes, when = file["cavities/LV/volume"][()], file["time"][()]
     times, files = frames(tmp_path / "r.h5")
     assert times == pytest.approx(np.arange(81) * 0.01, abs=1e-9)

@@ -45,7 +45,7 @@ struct Mechanics::Implementation {
   const Partition& partition;
   MechanicsSettings settings;
   NodeSpace space;
-  int n = 4;  // nodes a cell
+  int n;  // nodes a cell
   std::vector<QuadraturePoint<4>> rule;
   std::vector<ShapeValues<4>> shapes;
   std::vector<QuadraturePoint<3>> facet_rule;
@@ -68,9 +68,14 @@ struct Mechanics::Implementation {
   std::vector<std::vector<double>> loads;
 
   Implementation(const Partition& p, MechanicsSettings s)
-      : partition(p), settings(std::move(s)), space(p.make_nodes(settings.order, false)) {}
+      : partition(p),
+        settings(std::move(s)),
+        space(p.make_nodes(settings.order, false)),
+        n(space.nodes_per_cell) {}
 
   std::size_t n_points() const { return rule.size(); }
+
+  // --- what is there ---
 
   // The middles of edges on curved surfaces, put where they belong.
   void bend_edges() {
@@ -110,6 +115,145 @@ struct Mechanics::Implementation {
     }
     return det / 6;
   }
+
+  // Points of integration, and what integrals over shape functions alone give.
+  void choose_quadrature() {
+    const MechanicsSettings& s = settings;
+    const int usual_degree = s.order == 1 ? 1 : s.mean_dilatation ? 5 : 2;
+    rule = tetrahedron_quadrature(s.quadrature_degree > 0 ? s.quadrature_degree : usual_degree);
+    for (const auto& q : rule) shapes.push_back(shape_values<4>(s.order, q.at));
+    facet_rule = triangle_quadrature(s.order == 1 ? 2 : 5);
+    for (const auto& q : facet_rule) facet_shapes.push_back(shape_values<3>(s.order, q.at));
+    for (const auto& q : tetrahedron_quadrature(5)) {
+      const auto shape = shape_values<4>(s.order, q.at);
+      for (int a = 0; a < n; ++a)
+        for (int b = 0; b < n; ++b) mass[a][b] += q.weight * shape.value[a] * shape.value[b];
+    }
+    const int n_facet_nodes = facet_nodes();
+    for (const auto& q : triangle_quadrature(5)) {
+      const auto shape = shape_values<3>(s.order, q.at);
+      for (int a = 0; a < n_facet_nodes; ++a)
+        for (int b = 0; b < n_facet_nodes; ++b)
+          facet_mass[a][b] += q.weight * shape.value[a] * shape.value[b];
+    }
+  }
+
+  int facet_nodes() const { return settings.order == 1 ? 3 : 6; }
+
+  // Materials, frames and gradients of all local cells. Collective.
+  void prepare_cells(const FibreField* fibres) {
+    const MechanicsSettings& s = settings;
+    const TetMesh& mesh = partition.mesh();
+    const std::size_t n_cells = partition.cells().size(), n_points = rule.size();
+    points.resize(n_cells * n_points);
+    material_of.assign(n_cells, -1);
+    active.assign(n_cells, 0);
+    mine.assign(n_cells, 0);
+    collectively(partition.communicator(), [&] {
+      for (std::size_t c = 0; c < n_cells; ++c) {
+        const int file = partition.cells()[c];
+        const int tag = mesh.cell_tags[file];
+        for (std::size_t k = 0; k < s.materials.size(); ++k)
+          if (s.materials[k].tag == tag) material_of[c] = static_cast<int>(k);
+        if (material_of[c] < 0)
+          throw InputError(
+              fmt::format("mechanics: no material is named for the volume tag {} of the mesh", tag));
+        active[c] = mesh_tags::conductive(tag);
+        for (int node : space.nodes_of(static_cast<int>(c))) mine[c] |= node < space.n_own;
+        double x[4][3], g[4][3];
+        for (int v = 0; v < 4; ++v)
+          for (int i = 0; i < 3; ++i) x[v][i] = mesh.points[mesh.cells[file][v]][i];
+        const double volume = shape_gradients(x, g);
+        for (std::size_t q = 0; q < n_points; ++q) {
+          Point& point = points[c * n_points + q];
+          point.volume = volume * rule[q].weight;
+          if (s.order == 2 && s.curve)
+            point.volume = rule[q].weight * curved_gradients(static_cast<int>(c), static_cast<int>(q), g);
+          if (!(point.volume > 0))
+            throw InputError(fmt::format(
+                "mechanics: tetrahedron {} with curved edges is turned inside out; use a finer mesh", file));
+          const Frame frame = fibres && active[c] ? frame_at(*fibres, mesh, file, rule[q].at)
+                                                  : Frame{Point3{1, 0, 0}, Point3{0, 1, 0}, Point3{0, 0, 1}};
+          for (int v = 0; v < 4; ++v)
+            for (int a = 0; a < 3; ++a)
+              point.gradient[v][a] = g[v][0] * frame[a][0] + g[v][1] * frame[a][1] + g[v][2] * frame[a][2];
+        }
+      }
+    });
+  }
+
+  // The triangle as this knows it; without surface and support where none is named for its tag.
+  Facet facet_of(const LocalFacet& local) const {
+    const MechanicsSettings& s = settings;
+    const TetMesh& mesh = partition.mesh();
+    Facet facet{};
+    facet.cell = local.cell;
+    facet.n = facet_nodes();
+    facet.surface = facet.support = -1;
+    for (std::size_t k = 0; k < s.surfaces.size(); ++k)
+      if (s.surfaces[k].tag == local.tag) facet.surface = static_cast<int>(k);
+    for (std::size_t k = 0; k < s.supports.size(); ++k)
+      if (s.supports[k].tag == local.tag) facet.support = static_cast<int>(k);
+    for (int k = 0; k < 3; ++k) facet.corner[k] = local.corner[k];
+    if (s.order == 2)
+      for (int e = 0; e < 3; ++e) {
+        const int a = local.corner[triangle_edges[e][0]], b = local.corner[triangle_edges[e][1]];
+        facet.corner[3 + e] = 4 + edge_between(a, b);
+      }
+    const auto& v = mesh.cells[partition.cells()[local.cell]];
+    const Point3 &a = mesh.points[v[local.corner[0]]], &b = mesh.points[v[local.corner[1]]],
+                 &c = mesh.points[v[local.corner[2]]];
+    const Vector3 normal = cross(b - a, c - a);
+    facet.area = 0.5 * norm(normal);
+    facet.normal = (0.5 / facet.area) * normal;
+    return facet;
+  }
+
+  void hold_nodes(const Facet& facet) {
+    const auto nodes = space.nodes_of(facet.cell);
+    for (int k = 0; k < facet.n; ++k)
+      for (int i = 0; i < 3; ++i)
+        if (settings.supports[facet.support].fixed[i] && nodes[facet.corner[k]] < space.n_own)
+          fixed[3 * static_cast<std::size_t>(nodes[facet.corner[k]]) + i] = 1;
+  }
+
+  // Triangles that carry a pressure or a support; refuses those of which there are none. Collective.
+  void prepare_facets() {
+    const MechanicsSettings& s = settings;
+    fixed.assign(3 * static_cast<std::size_t>(space.n_own), 0);
+    std::vector<int> n_facets_of_surface(s.surfaces.size(), 0), n_facets_of_support(s.supports.size(), 0);
+    for (const LocalFacet& local : partition.facets()) {
+      const Facet facet = facet_of(local);
+      if (facet.surface < 0 && facet.support < 0) continue;
+      if (facet.surface >= 0) ++n_facets_of_surface[facet.surface];
+      if (facet.support >= 0) {
+        ++n_facets_of_support[facet.support];
+        hold_nodes(facet);
+      }
+      // An own cell may have all its nodes on other ranks: its share of the volumes still counts here.
+      if (mine[facet.cell] || facet.cell < partition.n_own_cells()) facets.push_back(facet);
+    }
+    const auto refuse_empty = [&](int count, int tag, const char* what) {
+      if (partition.sum(count) == 0)
+        throw InputError(
+            fmt::format("mechanics: no triangle of the mesh has the surface tag {}, which {}", tag, what));
+    };
+    for (std::size_t k = 0; k < s.surfaces.size(); ++k)
+      refuse_empty(n_facets_of_surface[k], s.surfaces[k].tag, "encloses a cavity or carries a pressure");
+    for (std::size_t k = 0; k < s.supports.size(); ++k)
+      refuse_empty(n_facets_of_support[k], s.supports[k].tag, "is named as a support");
+  }
+
+  void allocate() {
+    matrix = std::make_unique<NodeMatrix>(partition, space, 3);
+    d.assign(3 * static_cast<std::size_t>(space.n_local), 0.0);
+    d_last = d_before = d;
+    stretch_last.assign(points.size(), 1.0);
+    r.assign(3 * static_cast<std::size_t>(space.n_own), 0.0);
+    loads.assign(settings.surfaces.size(), r);
+  }
+
+  // --- forces and stiffness ---
 
   void positions(const std::vector<double>& displacement, int cell, double x[most_nodes][3]) const {
     const auto nodes = space.nodes_of(cell);
@@ -320,88 +464,103 @@ struct Mechanics::Implementation {
     }
   }
 
+  // Forces of the nodes of a triangle and their stiffness.
+  struct FacetSums {
+    double f[6][3] = {}, K[6][3][6][3] = {};
+  };
+
+  // A pressure on the deformed triangle: also its load vector and its share of the enclosed volume.
   template <bool tangent>
-  void add_facet(const Facet& facet, std::span<const double> pressures, Balance& balance) {
+  void add_pressure(const Facet& facet, double p, Balance& balance, FacetSums& sums) {
+    auto& [f, K] = sums;
     const auto nodes = space.nodes_of(facet.cell);
     double x[6][3];
     for (int a = 0; a < facet.n; ++a) {
       const auto node = static_cast<std::size_t>(nodes[facet.corner[a]]);
       for (int i = 0; i < 3; ++i) x[a][i] = space.points[node][i] + d[3 * node + i];
     }
-    double K[6][3][6][3] = {};
-    double f[6][3] = {};
-    if (facet.surface >= 0) {
-      const double p = pressures[facet.surface];
-      const Point3& origin = settings.surfaces[facet.surface].origin;
-      double load[6][3] = {};
-      double volume = 0;
-      for (std::size_t q = 0; q < facet_rule.size(); ++q) {
-        const auto& shape = facet_shapes[q];
-        Vector3 along{}, across{}, here{};
-        double by_xi[6], by_eta[6];
-        for (int a = 0; a < facet.n; ++a) {
-          by_xi[a] = shape.slope[a][1] - shape.slope[a][0];
-          by_eta[a] = shape.slope[a][2] - shape.slope[a][0];
-          for (int i = 0; i < 3; ++i) {
-            along[i] += by_xi[a] * x[a][i];
-            across[i] += by_eta[a] * x[a][i];
-            here[i] += shape.value[a] * x[a][i];
-          }
-        }
-        const double w = 0.5 * facet_rule[q].weight;  // the reference triangle's area
-        const Vector3 normal = cross(along, across);
-        volume -= w / 3 * dot(here - origin, normal);
-        for (int a = 0; a < facet.n; ++a)
-          for (int i = 0; i < 3; ++i) load[a][i] += w * shape.value[a] * normal[i];
-        if constexpr (tangent) {
-          for (int a = 0; a < facet.n; ++a) {
-            const double s = p * w * shape.value[a];
-            for (int b = 0; b < facet.n; ++b) {
-              // d(along x across) = d along x across + along x d across.
-              const double u = s * by_xi[b], v = s * by_eta[b];
-              const Vector3 t = {v * along[0] - u * across[0], v * along[1] - u * across[1],
-                                 v * along[2] - u * across[2]};
-              K[a][0][b][1] -= t[2];
-              K[a][0][b][2] += t[1];
-              K[a][1][b][0] += t[2];
-              K[a][1][b][2] -= t[0];
-              K[a][2][b][0] -= t[1];
-              K[a][2][b][1] += t[0];
-            }
-          }
-        }
-      }
-      if (facet.cell < partition.n_own_cells()) balance.volumes_m3[facet.surface] += volume;
+    const Point3& origin = settings.surfaces[facet.surface].origin;
+    double load[6][3] = {};
+    double volume = 0;
+    for (std::size_t q = 0; q < facet_rule.size(); ++q) {
+      const auto& shape = facet_shapes[q];
+      Vector3 along{}, across{}, here{};
+      double by_xi[6], by_eta[6];
       for (int a = 0; a < facet.n; ++a) {
-        const auto node = static_cast<std::size_t>(nodes[facet.corner[a]]);
+        by_xi[a] = shape.slope[a][1] - shape.slope[a][0];
+        by_eta[a] = shape.slope[a][2] - shape.slope[a][0];
         for (int i = 0; i < 3; ++i) {
-          f[a][i] += p * load[a][i];
-          if (static_cast<int>(node) < space.n_own) loads[facet.surface][3 * node + i] += load[a][i];
+          along[i] += by_xi[a] * x[a][i];
+          across[i] += by_eta[a] * x[a][i];
+          here[i] += shape.value[a] * x[a][i];
+        }
+      }
+      const double w = 0.5 * facet_rule[q].weight;  // the reference triangle's area
+      const Vector3 normal = cross(along, across);
+      volume -= w / 3 * dot(here - origin, normal);
+      for (int a = 0; a < facet.n; ++a)
+        for (int i = 0; i < 3; ++i) load[a][i] += w * shape.value[a] * normal[i];
+      if constexpr (tangent) {
+        for (int a = 0; a < facet.n; ++a) {
+          const double s = p * w * shape.value[a];
+          for (int b = 0; b < facet.n; ++b) {
+            // d(along x across) = d along x across + along x d across.
+            const double u = s * by_xi[b], v = s * by_eta[b];
+            const Vector3 t = {v * along[0] - u * across[0], v * along[1] - u * across[1],
+                               v * along[2] - u * across[2]};
+            K[a][0][b][1] -= t[2];
+            K[a][0][b][2] += t[1];
+            K[a][1][b][0] += t[2];
+            K[a][1][b][2] -= t[0];
+            K[a][2][b][0] -= t[1];
+            K[a][2][b][1] += t[0];
+          }
         }
       }
     }
-    if (facet.support >= 0) {
-      const Support& support = settings.supports[facet.support];
-      const double normal_factor = support.normal_stiffness + (dt > 0 ? support.normal_damping / dt : 0);
-      const double full_factor = support.full_stiffness + (dt > 0 ? support.full_damping / dt : 0);
-      double matrix3[3][3], damping[3][3];
-      for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j) {
-          const double nn = facet.normal[i] * facet.normal[j], one = i == j ? 1 : 0;
-          matrix3[i][j] = normal_factor * nn + full_factor * one;
-          damping[i][j] = dt > 0 ? support.normal_damping / dt * nn + support.full_damping / dt * one : 0.0;
-        }
-      for (int a = 0; a < facet.n; ++a)
-        for (int b = 0; b < facet.n; ++b) {
-          const double m = facet.area * facet_mass[a][b];
-          const auto node = static_cast<std::size_t>(nodes[facet.corner[b]]);
-          for (int i = 0; i < 3; ++i)
-            for (int j = 0; j < 3; ++j) {
-              f[a][i] += m * (matrix3[i][j] * d[3 * node + j] - damping[i][j] * d_last[3 * node + j]);
-              if constexpr (tangent) K[a][i][b][j] += m * matrix3[i][j];
-            }
-        }
+    if (facet.cell < partition.n_own_cells()) balance.volumes_m3[facet.surface] += volume;
+    for (int a = 0; a < facet.n; ++a) {
+      const auto node = static_cast<std::size_t>(nodes[facet.corner[a]]);
+      for (int i = 0; i < 3; ++i) {
+        f[a][i] += p * load[a][i];
+        if (static_cast<int>(node) < space.n_own) loads[facet.surface][3 * node + i] += load[a][i];
+      }
     }
+  }
+
+  template <bool tangent>
+  void add_support(const Facet& facet, FacetSums& sums) const {
+    auto& [f, K] = sums;
+    const auto nodes = space.nodes_of(facet.cell);
+    const Support& support = settings.supports[facet.support];
+    const double normal_factor = support.normal_stiffness + (dt > 0 ? support.normal_damping / dt : 0);
+    const double full_factor = support.full_stiffness + (dt > 0 ? support.full_damping / dt : 0);
+    double matrix3[3][3], damping[3][3];
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 3; ++j) {
+        const double nn = facet.normal[i] * facet.normal[j], one = i == j ? 1 : 0;
+        matrix3[i][j] = normal_factor * nn + full_factor * one;
+        damping[i][j] = dt > 0 ? support.normal_damping / dt * nn + support.full_damping / dt * one : 0.0;
+      }
+    for (int a = 0; a < facet.n; ++a)
+      for (int b = 0; b < facet.n; ++b) {
+        const double m = facet.area * facet_mass[a][b];
+        const auto node = static_cast<std::size_t>(nodes[facet.corner[b]]);
+        for (int i = 0; i < 3; ++i)
+          for (int j = 0; j < 3; ++j) {
+            f[a][i] += m * (matrix3[i][j] * d[3 * node + j] - damping[i][j] * d_last[3 * node + j]);
+            if constexpr (tangent) K[a][i][b][j] += m * matrix3[i][j];
+          }
+      }
+  }
+
+  template <bool tangent>
+  void add_facet(const Facet& facet, std::span<const double> pressures, Balance& balance) {
+    FacetSums sums;
+    if (facet.surface >= 0) add_pressure<tangent>(facet, pressures[facet.surface], balance, sums);
+    if (facet.support >= 0) add_support<tangent>(facet, sums);
+    const auto& [f, K] = sums;
+    const auto nodes = space.nodes_of(facet.cell);
     for (int a = 0; a < facet.n; ++a) {
       const int node = nodes[facet.corner[a]];
       if (node >= space.n_own) continue;
@@ -458,119 +617,11 @@ struct Mechanics::Implementation {
 
 Mechanics::Mechanics(const Partition& partition, const FibreField* fibres, MechanicsSettings settings)
     : me_(std::make_unique<Implementation>(partition, std::move(settings))) {
-  auto& me = *me_;
-  const MechanicsSettings& s = me.settings;
-  const TetMesh& mesh = partition.mesh();
-  me.n = me.space.nodes_per_cell;
-  const int usual_degree = s.order == 1 ? 1 : s.mean_dilatation ? 5 : 2;
-  me.rule = tetrahedron_quadrature(s.quadrature_degree > 0 ? s.quadrature_degree : usual_degree);
-  for (const auto& q : me.rule) me.shapes.push_back(shape_values<4>(s.order, q.at));
-  me.facet_rule = triangle_quadrature(s.order == 1 ? 2 : 5);
-  for (const auto& q : me.facet_rule) me.facet_shapes.push_back(shape_values<3>(s.order, q.at));
-  for (const auto& q : tetrahedron_quadrature(5)) {
-    const auto shape = shape_values<4>(s.order, q.at);
-    for (int a = 0; a < me.n; ++a)
-      for (int b = 0; b < me.n; ++b) me.mass[a][b] += q.weight * shape.value[a] * shape.value[b];
-  }
-  const int n_facet_nodes = s.order == 1 ? 3 : 6;
-  for (const auto& q : triangle_quadrature(5)) {
-    const auto shape = shape_values<3>(s.order, q.at);
-    for (int a = 0; a < n_facet_nodes; ++a)
-      for (int b = 0; b < n_facet_nodes; ++b)
-        me.facet_mass[a][b] += q.weight * shape.value[a] * shape.value[b];
-  }
-
-  if (s.order == 2 && s.curve) me.bend_edges();
-  const std::size_t n_cells = partition.cells().size(), n_points = me.rule.size();
-  me.points.resize(n_cells * n_points);
-  me.material_of.assign(n_cells, -1);
-  me.active.assign(n_cells, 0);
-  me.mine.assign(n_cells, 0);
-  collectively(partition.communicator(), [&] {
-    for (std::size_t c = 0; c < n_cells; ++c) {
-      const int file = partition.cells()[c];
-      const int tag = mesh.cell_tags[file];
-      for (std::size_t k = 0; k < s.materials.size(); ++k)
-        if (s.materials[k].tag == tag) me.material_of[c] = static_cast<int>(k);
-      if (me.material_of[c] < 0)
-        throw InputError(
-            fmt::format("mechanics: no material is named for the volume tag {} of the mesh", tag));
-      me.active[c] = mesh_tags::conductive(tag);
-      for (int node : me.space.nodes_of(static_cast<int>(c))) me.mine[c] |= node < me.space.n_own;
-      double x[4][3], g[4][3];
-      for (int v = 0; v < 4; ++v)
-        for (int i = 0; i < 3; ++i) x[v][i] = mesh.points[mesh.cells[file][v]][i];
-      const double volume = shape_gradients(x, g);
-      for (std::size_t q = 0; q < n_points; ++q) {
-        Point& point = me.points[c * n_points + q];
-        point.volume = volume * me.rule[q].weight;
-        if (s.order == 2 && s.curve)
-          point.volume = me.rule[q].weight * me.curved_gradients(static_cast<int>(c), static_cast<int>(q), g);
-        if (!(point.volume > 0))
-          throw InputError(fmt::format(
-              "mechanics: tetrahedron {} with curved edges is turned inside out; use a finer mesh", file));
-        const Frame frame = fibres && me.active[c] ? frame_at(*fibres, mesh, file, me.rule[q].at)
-                                                   : Frame{Point3{1, 0, 0}, Point3{0, 1, 0}, Point3{0, 0, 1}};
-        for (int v = 0; v < 4; ++v)
-          for (int a = 0; a < 3; ++a)
-            point.gradient[v][a] = g[v][0] * frame[a][0] + g[v][1] * frame[a][1] + g[v][2] * frame[a][2];
-      }
-    }
-  });
-
-  me.fixed.assign(3 * static_cast<std::size_t>(me.space.n_own), 0);
-  std::vector<int> n_facets_of_surface(s.surfaces.size(), 0), n_facets_of_support(s.supports.size(), 0);
-  for (const LocalFacet& local : partition.facets()) {
-    Facet facet{};
-    facet.cell = local.cell;
-    facet.n = n_facet_nodes;
-    facet.surface = facet.support = -1;
-    for (std::size_t k = 0; k < s.surfaces.size(); ++k)
-      if (s.surfaces[k].tag == local.tag) facet.surface = static_cast<int>(k);
-    for (std::size_t k = 0; k < s.supports.size(); ++k)
-      if (s.supports[k].tag == local.tag) facet.support = static_cast<int>(k);
-    if (facet.surface < 0 && facet.support < 0) continue;
-    if (facet.surface >= 0) ++n_facets_of_surface[facet.surface];
-    if (facet.support >= 0) ++n_facets_of_support[facet.support];
-    for (int k = 0; k < 3; ++k) facet.corner[k] = local.corner[k];
-    if (s.order == 2)
-      for (int e = 0; e < 3; ++e) {
-        const int a = local.corner[triangle_edges[e][0]], b = local.corner[triangle_edges[e][1]];
-        facet.corner[3 + e] = 4 + edge_between(a, b);
-      }
-    const auto& v = mesh.cells[partition.cells()[local.cell]];
-    const Point3 &a = mesh.points[v[local.corner[0]]], &b = mesh.points[v[local.corner[1]]],
-                 &c = mesh.points[v[local.corner[2]]];
-    const Vector3 normal = cross(b - a, c - a);
-    facet.area = 0.5 * norm(normal);
-    facet.normal = (0.5 / facet.area) * normal;
-    if (facet.support >= 0) {
-      const Support& support = s.supports[facet.support];
-      const auto nodes = me.space.nodes_of(facet.cell);
-      for (int k = 0; k < facet.n; ++k)
-        for (int i = 0; i < 3; ++i)
-          if (support.fixed[i] && nodes[facet.corner[k]] < me.space.n_own)
-            me.fixed[3 * static_cast<std::size_t>(nodes[facet.corner[k]]) + i] = 1;
-    }
-    // An own cell may have all its nodes on other ranks: its share of the volumes still counts here.
-    if (me.mine[facet.cell] || facet.cell < partition.n_own_cells()) me.facets.push_back(facet);
-  }
-  const auto refuse_empty = [&](int count, int tag, const char* what) {
-    if (partition.sum(count) == 0)
-      throw InputError(
-          fmt::format("mechanics: no triangle of the mesh has the surface tag {}, which {}", tag, what));
-  };
-  for (std::size_t k = 0; k < s.surfaces.size(); ++k)
-    refuse_empty(n_facets_of_surface[k], s.surfaces[k].tag, "encloses a cavity or carries a pressure");
-  for (std::size_t k = 0; k < s.supports.size(); ++k)
-    refuse_empty(n_facets_of_support[k], s.supports[k].tag, "is named as a support");
-
-  me.matrix = std::make_unique<NodeMatrix>(partition, me.space, 3);
-  me.d.assign(3 * static_cast<std::size_t>(me.space.n_local), 0.0);
-  me.d_last = me.d_before = me.d;
-  me.stretch_last.assign(n_cells * n_points, 1.0);
-  me.r.assign(3 * static_cast<std::size_t>(me.space.n_own), 0.0);
-  me.loads.assign(s.surfaces.size(), me.r);
+  me_->choose_quadrature();
+  if (me_->settings.order == 2 && me_->settings.curve) me_->bend_edges();
+  me_->prepare_cells(fibres);
+  me_->prepare_facets();
+  me_->allocate();
 }
 
 Mechanics::~Mechanics() = default;
