@@ -49,6 +49,7 @@ std::pair<std::vector<std::string>, std::vector<std::string>> all_indexes() {
         0;
     every.atrium[side].VpreAC_mL = every.atrium[side].PassEF_percent = every.atrium[side].ActEF_percent = 0;
   }
+  every.further.fill(0.0);
   std::pair<std::vector<std::string>, std::vector<std::string>> result;
   for_each_index(every, [&](const std::string& name, const char* unit, double) {
     result.first.push_back(name);

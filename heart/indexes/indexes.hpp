@@ -15,6 +15,7 @@
 #include <vector>
 #include <wiggers/circulation/circulation.hpp>
 #include <wiggers/core/table.hpp>
+#include <wiggers/heart/indexes/further_indexes.hpp>
 
 namespace wiggers {
 
@@ -70,6 +71,7 @@ struct BeatIndexesOf {
   std::array<std::vector<Phase>, 2> phases;                                               // left, right
   T cardiac_output_L_per_min = 0;
   T systemic_resistance_mmHg_s_per_mL = 0, pulmonary_resistance_mmHg_s_per_mL = 0;
+  FurtherValues<T> further;
 };
 using ValveTimes = ValveTimesOf<double>;
 using VentricleIndexes = VentricleIndexesOf<double>;
@@ -138,6 +140,9 @@ void for_each_index(const Indexes& b, Visit visit) {
   visit(Name("cardiac_output_L_per_min"), "L/min", b.cardiac_output_L_per_min);
   visit(Name("systemic_resistance_mmHg_s_per_mL"), "mmHg s/mL", b.systemic_resistance_mmHg_s_per_mL);
   visit(Name("pulmonary_resistance_mmHg_s_per_mL"), "mmHg s/mL", b.pulmonary_resistance_mmHg_s_per_mL);
+  for_each_further_index([&](std::size_t k, auto index) {
+    if (b.further[k]) visit(Name(index.name), index.unit.data(), *b.further[k]);
+  });
 }
 
 // What the indexes are computed from: one beat, first row at 0, last row at the period.
@@ -151,6 +156,11 @@ struct BeatTraceOf {
   bool with_middles = false;                    // every second row is the middle of a step
 
   void clear() { *this = {}; }
+  bool has_shunts() const {
+    for (const auto& flow : shunts)
+      if (!flow.empty()) return true;
+    return false;
+  }
   // y: the circulation's states.
   void append(const CirculationParametersOf<T>& c, const T& time, const T* y, const T* pressures,
               const std::array<T, n_valves>& flows) {

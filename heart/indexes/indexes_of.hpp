@@ -221,6 +221,23 @@ std::pair<T, T> flow_in(const Pieces<T>& pieces, const Series<T>& Q, const T& be
   return {peak, volume};
 }
 
+// Mean flow (mL/s) that an artery, of the lungs or of the body, passes on: what its valve gives, and shunts.
+template <class T>
+T passed_on(const Pieces<T>& rows, const BeatTraceOf<T>& trace, const BeatIndexesOf<T>& known, bool lungs) {
+  const int artery = network::valves[lungs ? PV : AV].to;
+  T volume(0.0);
+  for (int v = 0; v < n_valves; ++v)
+    if (network::valves[v].to == artery)
+      volume += known.valve[v].forward_volume_mL - known.valve[v].backward_volume_mL;
+  for (int s = 0; s < n_shunts; ++s) {
+    if (trace.shunts[s].empty()) continue;
+    const T through = integral(rows, trace.shunts[s]);
+    if (network::shunts[s].to == artery) volume += through;
+    if (network::shunts[s].from == artery) volume -= through;
+  }
+  return T(volume / known.period_s);
+}
+
 }  // namespace index_text
 
 template <class T>
@@ -346,31 +363,17 @@ BeatIndexesOf<T> compute_indexes_of(const BeatTraceOf<T>& trace,
   r.pulmonary_artery = artery(trace.p[network::valves[PV].to]);
   const T mean_flow = (r.valve[AV].forward_volume_mL - r.valve[AV].backward_volume_mL) / period;
   r.cardiac_output_L_per_min = mean_flow * units::L_per_min_from_mL_per_s;
-  // What an artery passes on: what its valve gives, and shunts.
-  const auto passes = [&](int artery) {
-    T volume(0.0);
-    for (int v = 0; v < n_valves; ++v)
-      if (network::valves[v].to == artery)
-        volume += r.valve[v].forward_volume_mL - r.valve[v].backward_volume_mL;
-    for (int s = 0; s < n_shunts; ++s) {
-      if (trace.shunts[s].empty()) continue;
-      const T through = integral(rows, trace.shunts[s]);
-      if (network::shunts[s].to == artery) volume += through;
-      if (network::shunts[s].from == artery) volume -= through;
-    }
-    return T(volume / period);
-  };
-  const bool has_shunts = std::any_of(trace.shunts.begin(), trace.shunts.end(),
-                                      [](const Series<T>& flow) { return !flow.empty(); });
   // Without shunts both sides carry the same; the aortic valve's flow stands for both.
-  const T body = has_shunts ? passes(network::valves[AV].to) : mean_flow;
-  const T lungs = has_shunts ? passes(network::valves[PV].to) : mean_flow;
+  const bool has_shunts = trace.has_shunts();
+  const T body = has_shunts ? passed_on(rows, trace, r, false) : mean_flow;
+  const T lungs = has_shunts ? passed_on(rows, trace, r, true) : mean_flow;
   if (body > 0.0)
     r.systemic_resistance_mmHg_s_per_mL =
         (r.aorta.pressure_mean_mmHg - r.atrium[1].pressure_mean_mmHg) / body;
   if (lungs > 0.0)
     r.pulmonary_resistance_mmHg_s_per_mL =
         (r.pulmonary_artery.pressure_mean_mmHg - r.atrium[0].pressure_mean_mmHg) / lungs;
+  for_each_further_index([&](std::size_t k, auto index) { r.further[k] = index.of(rows, trace, r); });
   return r;
 }
 

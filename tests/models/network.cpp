@@ -7,6 +7,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <string>
 #include <wiggers/circulation/loop.hpp>
 #include <wiggers/circulation/stiffness.hpp>
@@ -120,6 +121,15 @@ TEST_CASE("resistances are those of the vessels, whatever blood takes other ways
           Approx(vessels[AR_SYS].R + vessels[VEN_SYS].R).epsilon(1e-4));
     CHECK(b.pulmonary_resistance_mmHg_s_per_mL ==
           Approx(vessels[AR_PUL].R + vessels[VEN_PUL].R).epsilon(1e-4));
+    std::map<std::string, double> all;
+    for_each_index(b, [&](const std::string& name, const char*, double value) { all[name] = value; });
+    CHECK(all.count("Qp_over_Qs") == (shunt >= 0));
+    if (shunt >= 0) {
+      Table trace = circulation_table(loop.circulation);
+      CirculationValues again = state;
+      solver.beat(again, 1e-4, &trace);
+      CHECK(all.at("Qp_over_Qs") == Approx(mean(trace, "Q_AR_PUL") / mean(trace, "Q_AR_SYS")).epsilon(1e-3));
+    }
   }
 }
 
