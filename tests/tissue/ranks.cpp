@@ -156,7 +156,8 @@ namespace {
 // Mass (1 component), or mass times a full 3 x 3 matrix that is not symmetric, which tells rows from columns.
 constexpr double coupling[3][3] = {{3, 0.5, -0.25}, {-1, 4, 0.75}, {0.125, 1, 5}};
 
-void assemble_mass(NodeMatrix& matrix) {
+// `more` times the mean volume of a node is added to the diagonal.
+void assemble_mass(NodeMatrix& matrix, const std::function<double(int)>& more = {}) {
   const Partition& partition = matrix.partition();
   const NodeSpace& space = matrix.space();
   const int n = space.nodes_per_cell;
@@ -180,6 +181,15 @@ void assemble_mass(NodeMatrix& matrix) {
           }
         }
     }
+  }
+  if (more) {
+    double volume = 0;
+    for (std::size_t c = 0; c < partition.mesh().cells.size(); ++c)
+      volume += cell_volume(partition.mesh(), c);
+    for (int node = 0; node < space.n_own; ++node)
+      for (int i = 0; i < matrix.components(); ++i)
+        matrix.block(matrix.diagonal_slot(node))[(matrix.components() + 1) * i] +=
+            volume / space.n_global * more(space.global(node));
   }
   matrix.finish();
 }
@@ -332,6 +342,40 @@ TEST_CASE("complete factors serve later matrices while a few iterations do", "[r
   // A matrix that cannot be solved leaves nothing behind.
   CHECK(iterations_with([](int) { return 0.0; }) == -1);
   CHECK(iterations_with(first) == 1);
+}
+
+TEST_CASE("multigrid serves later matrices while it does so well, and gives way", "[ranks]") {
+  const auto mesh = block();
+  const Partition partition(mesh, MPI_COMM_WORLD);
+  const NodeSpace space = partition.make_nodes(1, false);
+  NodeMatrix matrix(partition, space, 3);
+  const auto size = static_cast<std::size_t>(space.n_own) * 3;
+  LinearSolver solver(matrix, SolverKind::gmres_gamg);
+  // The mass matrix with diagonal blocks that differ by `share`, solved for a right side of all ones.
+  const auto iterations_with = [&](const std::function<double(int)>& share) {
+    assemble_mass(matrix, share);
+    solver.matrix_changed();
+    const std::vector<double> b(size, 1.0);
+    std::vector<double> x(size, 0.0), back(size);
+    const SolveReport report = solver.solve(b.data(), x.data(), 1e-8, 0);
+    CHECK(report.converged);
+    matrix.multiply(x.data(), back.data());
+    double off = 0;
+    for (std::size_t k = 0; k < size; ++k) off += (back[k] - b[k]) * (back[k] - b[k]);
+    CHECK(std::sqrt(partition.sum(off) / (3.0 * space.n_global)) < 1e-7);
+    return report.iterations;
+  };
+  const auto first = [](int) { return 1.0; };
+  const auto near = [](int node) { return 1 + 0.02 * (node % 5); };
+  const auto far = [](int node) { return std::exp(0.01 * ((13 * node) % 1301)); };
+  const int fresh = iterations_with(first);
+  const int kept = iterations_with(near);
+  CHECK(kept <= 2 * std::max(8, fresh));
+  // In vain with the old one, or many with it; then one of its own.
+  iterations_with(far);
+  const int own = iterations_with(far);
+  solver.forget();
+  CHECK(own <= 2 * std::max(8, iterations_with(far)));
 }
 
 namespace {

@@ -83,6 +83,16 @@ class Mixing {
   double last_size_ = 0, relaxation_ = 1;
 };
 
+double mean_edge(const TetMesh& mesh) {
+  double sum = 0;
+  for (const auto& cell : mesh.cells)
+    for (const auto& edge : tetrahedron_edges) {
+      const Point3 along = mesh.points[cell[edge[1]]] - mesh.points[cell[edge[0]]];
+      sum += std::sqrt(along[0] * along[0] + along[1] * along[1] + along[2] * along[2]);
+    }
+  return sum / (6.0 * static_cast<double>(mesh.cells.size()));
+}
+
 bool all_positive(const TetMesh& mesh) {
   for (std::size_t c = 0; c < mesh.cells.size(); ++c)
     if (!(cell_volume(mesh, c) > 0)) return false;
@@ -99,6 +109,7 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
   std::vector<Point3> X = image->points, good = X, last_good = X;
   double share = 0, step = settings.first_step, last_step = 0;
   std::string failure = "no progress";
+  const double good_enough_m = settings.good_enough * mean_edge(*image);
   while (share < 1) {
     const double next = std::min(1.0, share + step);
     // The secant through the last two results is the first guess.
@@ -109,6 +120,9 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
     bool converged = false;
     std::vector<Point3> guess;  // of the displacement, from the last iteration
     Mixing mixing;
+    double best = std::numeric_limits<double>::infinity();
+    std::vector<Point3> best_X;
+    int since_best = 0;
     for (int iteration = 0; iteration < settings.max_iterations; ++iteration) {
       auto mesh = std::make_shared<TetMesh>(*image);
       mesh->points = X;
@@ -178,7 +192,18 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
         for (int i = 0; i < 3; ++i)
           largest = std::max(largest, std::abs(image->points[k][i] - X[k][i] - d[k][i]));
       report.residual_m = largest;
-      if (largest <= settings.tolerance_m) {
+      if (largest < 0.5 * best) {
+        best = largest;
+        best_X = X;
+        since_best = 0;
+      } else {
+        ++since_best;
+      }
+      const bool last = iteration + 1 == settings.max_iterations;
+      const bool stalls = next < 1 || since_best >= settings.patience || last;
+      if (best <= settings.aim_m || (best <= good_enough_m && stalls)) {
+        X = best_X;
+        report.residual_m = best;
         converged = true;
         break;
       }

@@ -14,8 +14,11 @@
 namespace wiggers {
 
 struct RecoverySettings {
-  double tolerance_m = 1e-6;  // largest change of a coordinate
-  int max_iterations = 30;    // at each share of the load
+  // Largest change of a coordinate: what is aimed at, and what is good enough where a few soft elements do
+  // not settle, as a share of the mesh's mean edge.
+  double aim_m = 1e-6, good_enough = 5e-3;
+  int patience = 4;         // iterations in which the change has not halved: it does not settle
+  int max_iterations = 30;  // at each share of the load
   double first_step = 0.25, smallest_step = 1e-2;
 };
 

@@ -69,7 +69,8 @@ enum class SolverKind {
   cg_jacobi,   // symmetric positive definite
   cg_ilu,      // the same, with incomplete factors of each rank's block
   gmres_ilu,   // any, dynamic mechanics
-  gmres_gamg,  // static mechanics of large meshes: algebraic multigrid with rigid-body modes
+  gmres_gamg,  // mechanics of bodies with stiff parts, and of large meshes: algebraic multigrid with
+               // rigid-body modes, which serves later matrices while it does so well
   direct       // GMRES on complete factors (MUMPS), which serve later matrices while a few iterations do
 };
 inline constexpr std::array<std::string_view, 5> solver_kind_names = {"cg-jacobi", "cg-ilu", "gmres-ilu",
@@ -89,8 +90,8 @@ class LinearSolver {
   LinearSolver(const LinearSolver&) = delete;
   LinearSolver& operator=(const LinearSolver&) = delete;
 
-  // The matrix has new values: the preconditioner is rebuilt at the next solve, complete factors only when
-  // they do not serve any more.
+  // The matrix has new values: the preconditioner is rebuilt at the next solve, complete factors and
+  // multigrid only when they do not serve any more.
   void matrix_changed();
   // The next solve owes nothing to earlier matrices.
   void forget();
@@ -102,14 +103,20 @@ class LinearSolver {
  private:
   // Making the factors costs more than this many iterations with them.
   static constexpr int most_iterations_with_factors = 15;
+  // Building multigrid costs some ten to twenty iterations with it: it is kept while a solve takes less than
+  // this many times those of a new one, and given up within a solve at twice that.
+  static constexpr int worn = 2, fewest_when_new = 8;
+  bool lasts() const { return kind_ == SolverKind::direct || kind_ == SolverKind::gmres_gamg; }
+  void renew();
   void set_operators();
   void keep(bool preconditioner);
   SolveReport iterate(const double* b, double* x, double relative, double absolute, int max_iterations);
 
   const NodeMatrix& matrix_;
   SolverKind kind_;
-  bool factored_ = false;  // complete factors of this or an earlier matrix are there
-  bool kept_ = false;      // the preconditioner is of an earlier matrix
+  bool built_ = false;  // complete factors or multigrid of this or an earlier matrix are there
+  bool kept_ = false;   // the preconditioner is of an earlier matrix
+  int when_new_ = 0;    // iterations of the first solve with it
   _p_KSP* solver_ = nullptr;
   _p_Mat* scalars_ = nullptr;  // what multigrid coarsens
   _p_Vec *b_ = nullptr, *x_ = nullptr;

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <wiggers/core/errors.hpp>
@@ -162,18 +163,32 @@ EquilibriumReport find_equilibrium(Mechanics& mechanics, const LoadPath& loads,
 double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3, std::vector<double> pressures,
                          const EquilibriumSettings& settings, double* slope, EquilibriumReport* counted) {
   EquilibriumReport own;
-  EquilibriumReport& report = counted ? *counted : own;
+  std::vector<std::optional<double>> wanted(pressures.size());
+  wanted[surface] = volume_m3;
+  const Eigen::MatrixXd compliance =
+      reach_volumes(mechanics, wanted, pressures, settings, counted ? *counted : own);
+  if (slope) *slope = 1 / compliance(0, 0);
+  return pressures[surface];
+}
+
+Eigen::MatrixXd reach_volumes(Mechanics& mechanics, const std::vector<std::optional<double>>& volumes_m3,
+                              std::vector<double>& pressures, const EquilibriumSettings& settings,
+                              EquilibriumReport& report) {
   Newton newton(mechanics, settings, report);
   mechanics.set_step(0);
-  const double start = mechanics.assemble(pressures, false).volumes_m3[surface];
+  std::vector<int> held;  // surfaces of prescribed volume
+  for (std::size_t k = 0; k < volumes_m3.size(); ++k)
+    if (volumes_m3[k]) held.push_back(static_cast<int>(k));
+  const auto m = static_cast<Eigen::Index>(held.size());
+  const std::vector<double> start = mechanics.assemble(pressures, false).volumes_m3;
   double s = 0, step = settings.first_step;
-  double scale = newton.load_norm(pressures);  // of the forces: the pressure itself may go to zero
-  std::vector<double> right, y, Y;
+  double scale = newton.load_norm(pressures);  // of the forces: pressures themselves may go to zero
+  std::vector<double> right, y;
+  std::vector<std::vector<double>> Y(held.size());
+  Eigen::MatrixXd compliance = Eigen::MatrixXd::Zero(m, m);
   while (s < 1) {
     const double next = std::min(1.0, s + step);
-    const double wanted = start + next * (volume_m3 - start);
-    const std::vector<double> good = mechanics.displacement();
-    const double good_pressure = pressures[surface];
+    const std::vector<double> good = mechanics.displacement(), good_pressures = pressures;
     bool converged = false;
     int iteration = 0;
     double first = -1;
@@ -186,33 +201,49 @@ double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3, st
         break;
       }
       if (first < 0) first = balance.residual;
-      const double mismatch = wanted - balance.volumes_m3[surface];
+      Eigen::VectorXd mismatch(m);
+      bool volumes_met = true;
+      for (Eigen::Index k = 0; k < m; ++k) {
+        const auto surface = static_cast<std::size_t>(held[static_cast<std::size_t>(k)]);
+        const double wanted = start[surface] + next * (*volumes_m3[surface] - start[surface]);
+        mismatch(k) = wanted - balance.volumes_m3[surface];
+        volumes_met = volumes_met && std::abs(mismatch(k)) <= 1e-9 * std::abs(wanted);
+      }
       const double tolerance =
           settings.relative_tolerance * std::max({first, scale, newton.load_norm(pressures)});
       newton.failure = fmt::format(
           "no equilibrium after {} Newton iterations: residual {:.3g} N, smallest J {:.3g} in {}", iteration,
           balance.residual, balance.smallest_J, mechanics.place_of_cell(balance.worst_cell));
-      if (balance.residual <= tolerance && std::abs(mismatch) <= 1e-9 * std::abs(wanted)) {
+      if (balance.residual <= tolerance && volumes_met) {
         converged = true;
         break;
       }
       newton.solver.matrix_changed();
       right = mechanics.residual();
       for (double& value : right) value = -value;
-      if (!newton.solve(right, y) || !newton.solve(mechanics.load(surface), Y)) break;
+      bool solved = newton.solve(right, y);
+      for (std::size_t k = 0; k < held.size() && solved; ++k)
+        solved = newton.solve(mechanics.load(held[k]), Y[k]);
+      if (!solved) break;
       ++report.newton_iterations;
-      // dd = y - Y dp, and -b.dd = mismatch.
-      const double compliance = mechanics.product(mechanics.load(surface), Y);
-      const double dp = (mismatch + mechanics.product(mechanics.load(surface), y)) / compliance;
-      if (slope) *slope = 1 / compliance;
-      for (std::size_t k = 0; k < y.size(); ++k) y[k] -= Y[k] * dp;
+      // dd = y - sum Y_k dp_k, and -b_j . dd = mismatch_j.
+      for (Eigen::Index j = 0; j < m; ++j) {
+        const auto& load = mechanics.load(held[static_cast<std::size_t>(j)]);
+        mismatch(j) += mechanics.product(load, y);
+        for (Eigen::Index k = 0; k < m; ++k)
+          compliance(j, k) = mechanics.product(load, Y[static_cast<std::size_t>(k)]);
+      }
+      const Eigen::VectorXd dp = compliance.partialPivLu().solve(mismatch);
+      for (std::size_t k = 0; k < held.size(); ++k)
+        for (std::size_t i = 0; i < y.size(); ++i) y[i] -= Y[k][i] * dp(static_cast<Eigen::Index>(k));
       const std::vector<double> from = mechanics.displacement();
       double factor = 1;
       for (int halvings = 0; halvings <= most_halvings; ++halvings, factor *= 0.5) {
         newton.set(from, y, factor);
         if (mechanics.smallest_volume_ratio(mechanics.displacement()).first > 0) break;
       }
-      pressures[surface] += factor * dp;
+      for (std::size_t k = 0; k < held.size(); ++k)
+        pressures[held[k]] += factor * dp(static_cast<Eigen::Index>(k));
     }
     if (converged) {
       s = next;
@@ -221,35 +252,13 @@ double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3, st
       continue;
     }
     mechanics.displacement() = good;
-    pressures[surface] = good_pressure;
+    pressures = good_pressures;
     step *= 0.5;
     if (step < settings.smallest_step)
       throw NumericalFailure(fmt::format("volume control: stopped at {:.1f} % of the change of volume: {}",
                                          100 * s, newton.failure));
   }
-  return pressures[surface];
-}
-
-void reach_volumes(Mechanics& mechanics, const std::vector<std::optional<double>>& volumes_m3,
-                   std::vector<double>& pressures, const EquilibriumSettings& settings,
-                   EquilibriumReport& report) {
-  constexpr int most_rounds = 30;
-  constexpr double good_enough_m3 = 1e-11;  // 1e-5 mL
-  for (int round = 0;; ++round) {
-    const std::vector<double> now = mechanics.assemble(pressures, false).volumes_m3;
-    double worst = 0;
-    for (std::size_t k = 0; k < volumes_m3.size(); ++k)
-      if (volumes_m3[k]) worst = std::max(worst, std::abs(now[k] - *volumes_m3[k]));
-    // Volumes alone say nothing of the balance: once round at least.
-    if (round > 0 && worst <= good_enough_m3) return;
-    if (round == most_rounds)
-      throw NumericalFailure(fmt::format(
-          "the cavities do not reach their volumes together, {:.2g} mL are missing", 1e6 * worst));
-    for (std::size_t k = 0; k < volumes_m3.size(); ++k)
-      if (volumes_m3[k])
-        pressures[k] = inflate_to_volume(mechanics, static_cast<int>(k), *volumes_m3[k], pressures, settings,
-                                         nullptr, &report);
-  }
+  return compliance;
 }
 
 }  // namespace wiggers

@@ -6,6 +6,7 @@
 // along the step, has fallen.
 #pragma once
 
+#include <Eigen/Core>
 #include <functional>
 #include <optional>
 #include <span>
@@ -54,10 +55,11 @@ double inflate_to_volume(Mechanics& mechanics, int surface, double volume_m3,
                          std::vector<double> pressures_Pa, const EquilibriumSettings& settings = {},
                          double* slope = nullptr, EquilibriumReport* report = nullptr);
 
-// Several surfaces to their volumes (m3), those without one at their pressure: one after the other, round and
-// round, as each moves the others. `pressures_Pa` follow; the work is added to the report.
-void reach_volumes(Mechanics& mechanics, const std::vector<std::optional<double>>& volumes_m3,
-                   std::vector<double>& pressures_Pa, const EquilibriumSettings& settings,
-                   EquilibriumReport& report);
+// Several surfaces to their volumes (m3) at once, those without one at their pressure: Newton with the
+// pressures as multipliers, in a continuation of the volumes. `pressures_Pa` follow; the work is added to the
+// report. Returns dV/dp of the surfaces with a volume, in their order.
+Eigen::MatrixXd reach_volumes(Mechanics& mechanics, const std::vector<std::optional<double>>& volumes_m3,
+                              std::vector<double>& pressures_Pa, const EquilibriumSettings& settings,
+                              EquilibriumReport& report);
 
 }  // namespace wiggers
