@@ -2,6 +2,7 @@
 #
 #   make heartbeat   install what is missing, build, run the main job, say where the pictures are
 #   make heartbeat-3d   the same with a left ventricle of 3D tissue on two MPI ranks (installs deal.II and gmsh)
+#   make heartbeat-heart   the same with all four chambers and the great arteries of 3D tissue, one body
 #   make test        install and build everything, the 3D tissue included, and run all tests
 #   make build       install and build; the command is build/wiggers
 #   make nightly     the long tests: sanitizers, minimal build, formatting, extremes, kills, fuzzing, benchmarks
@@ -44,7 +45,7 @@ endef
 RANKS := 2
 MPIRUN := OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1 OMP_NUM_THREADS=1 mpirun -n $(RANKS)
 
-.PHONY: fuzz cell-cycles tissue heartbeat-3d benchmarks-3d trade-3d tissue-tables trade help setup packages build test heartbeat nightly format check-format reference clean
+.PHONY: fuzz cell-cycles tissue heartbeat-3d heartbeat-heart benchmarks-3d trade-3d tissue-tables trade help setup packages build test heartbeat nightly format check-format reference clean
 help:
 	@sed -n 's/^#   //p' Makefile
 
@@ -92,6 +93,13 @@ heartbeat-3d: tissue
 	@$(BUILD)/wiggers report heartbeat-3d/left_ventricle.h5 -o heartbeat-3d/report
 	@echo "fields for ParaView: heartbeat-3d/left_ventricle.LV.fields/index.pvd"
 
+heartbeat-heart: tissue
+	@cmake --build $(BUILD) -j $(JOBS) --target wiggers wiggers-3d
+	@mkdir -p heartbeat-heart
+	@$(MPIRUN) $(BUILD)/wiggers-3d run scenes/whole_heart_3d.toml -o heartbeat-heart/whole_heart.h5
+	@$(BUILD)/wiggers report heartbeat-heart/whole_heart.h5 -o heartbeat-heart/report
+	@echo "fields for ParaView: heartbeat-heart/whole_heart.heart.fields/index.pvd"
+
 nightly: tissue
 	$(call install,$(NIGHTLY_PACKAGES))
 	@$(MAKE) --no-print-directory check-format
@@ -116,7 +124,7 @@ nightly: tissue
 	@WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) PYTHONPATH=$(CURDIR)/$(BUILD)/python WIGGERS_RANDOM_HEARTS=1000 \
 	  $(PYTHON) -m pytest -q -s -p no:cacheprovider tests/python/random_hearts.py
 	@$(BUILD)/test_tissue "[.nightly]"
-	@$(MAKE) --no-print-directory fuzz benchmarks-3d tissue-tables heartbeat-3d
+	@$(MAKE) --no-print-directory fuzz benchmarks-3d tissue-tables heartbeat-3d heartbeat-heart
 	@WIGGERS_NIGHTLY=1 WIGGERS=$(CURDIR)/$(BUILD)/wiggers WIGGERS_ROOT=$(CURDIR) PYTHONPATH=$(CURDIR)/$(BUILD)/python \
 	  $(PYTHON) -m pytest -q -s -p no:cacheprovider tests/python/test_calibration.py -k intervals
 	@$(PYTHON) -m pip install --quiet mpi4py && PYTHONPATH=$(CURDIR)/$(BUILD)/python \
@@ -176,4 +184,4 @@ check-format:
 	@clang-format --dry-run --Werror $(SOURCES)
 
 clean:
-	@rm -rf $(BUILD) build-sanitize build-sanitize-tissue build-minimal build-dev heartbeat heartbeat-3d
+	@rm -rf $(BUILD) build-sanitize build-sanitize-tissue build-minimal build-dev heartbeat heartbeat-3d heartbeat-heart

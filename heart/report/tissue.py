@@ -120,12 +120,17 @@ class TissueWall(Tissue):
         phases = self.result.phases.get(side, {})
         # When the inlet valve closes; without phases when the chamber is largest.
         filled = phases["IVC"][0] if "IVC" in phases else time[np.argmax(volume)]
+        if len(self.chambers) > 2 and {"IVC", "VE", "IVR", "VPF"} <= set(phases):
+            # The whole heart: at the ends of the left side's phases.
+            return (("end of filling", filled), ("aortic valve opens", phases["VE"][0]), ("end of ejection", phases["VE"][1]),
+                    ("mitral valve opens", phases["IVR"][1]), ("atria contract", phases["VPF"][1]))
         highest = time[np.argmax(pressure)]
         return (("end of diastole", filled), (f"highest {of_it}pressure", highest), ("end of the beat", time[-1]))
 
     def heading(self, name, time_s):
         """Of a view: the moment, and what the chambers that the wall encloses hold."""
-        lines = [f"{name}, {1e3 * time_s:.0f} ms"]
+        when = f"{1e3 * time_s:.0f} ms"
+        lines = [f"{name},", when] if len(self.chambers) > 2 else [f"{name}, {when}"]
         for chamber in self.chambers:
             of_it = f"{chamber} " if len(self.chambers) > 1 else ""
             curves = self.result.volume[chamber], self.result.pressure[chamber]
@@ -335,7 +340,7 @@ def field_views(columns, rows, title):
                     draw(axis, patches, SECTION_CAMERA, norm, colours, LARGEST_PATCH_M)
                 _frame_axes(axis, low, high)
                 if r == 0:
-                    axis.set_title(heading)
+                    axis.set_title(heading, fontsize=min(9.0, 33 / len(columns)))
                 if c == len(bodies) - 1 and r == len(rows) - 1:
                     _scale_bar(axis, low, high)
             view = "cut open" if open_ else "from outside"
@@ -408,6 +413,46 @@ def convergence_chart(wall):
         return figure
 
 
+CHAMBER_PANELS = (("active_tension", "active\ntension [kPa]"), ("stretch", "fibre\nstretch [1]"),
+                  ("smallest_volume_ratio", "smallest volume\nratio J [1]"), ("wall_volume", "volume of the\nwall [mL]"))
+
+
+def chamber_chart(wall):
+    """Tension, stretch, smallest J and wall volume of each chamber's wall, and how base and apex move; None where the file has
+    none of them."""
+    t = 1e3 * wall.result.time
+    panels = [(name, label) for name, label in CHAMBER_PANELS if any(f"{name}_{c}" in wall.traces for c in wall.chambers)]
+    motion = [(key, label, colour) for key, label, colour in (("base_motion", "base towards apex", COLOUR["LV"]),
+                                                              ("apex_motion", "apex towards base", "0.35")) if key in wall.traces]
+    rows = len(panels) + bool(motion)
+    if not rows:
+        return None
+    with plt.rc_context(STYLE):
+        inches = 1.45 * rows + 0.9
+        figure, axes = plt.subplots(rows, 1, sharex=True, squeeze=False, figsize=(8.2, inches))
+        axes = axes[:, 0]
+        for axis, (name, label) in zip(axes, panels):
+            for chamber in wall.chambers:
+                if f"{name}_{chamber}" in wall.traces:
+                    axis.plot(t, wall.traces[f"{name}_{chamber}"], color=COLOUR[chamber], label=chamber)
+            axis.set_ylabel(label)
+        for key, label, colour in motion:
+            axes[-1].plot(t, wall.traces[key], color=colour, label=label)
+        if motion:
+            axes[-1].set_ylabel("motion along the\nlong axis [mm]")
+            axes[-1].axhline(0, color="0.8", lw=0.8, zorder=0)
+        for axis in axes:
+            shade_phases(axis, wall.result)
+        for axis in {axes[0], axes[-1]} if panels and motion else {axes[0]}:
+            axis.legend(loc="upper right", ncol=4, fontsize=8, frameon=False)
+        axes[-1].set_xlabel("time [ms]")
+        axes[-1].set_xlim(0, t[-1])
+        figure.suptitle(f"{wall.result.title}: walls of {wall.name}", fontsize=12, fontweight="bold")
+        figure.align_ylabels(axes)
+        figure.subplots_adjust(left=0.115, right=0.97, top=1 - 0.4 / inches, bottom=0.5 / inches, hspace=0.15)
+        return figure
+
+
 def lead_chart(tissue, title, unit):
     """The pseudo-ECG at each electrode; None without electrodes."""
     leads = sorted((int(key.removeprefix("lead_")), key) for key in tissue.traces if key.startswith("lead_"))
@@ -438,7 +483,7 @@ def lead_chart(tissue, title, unit):
 
 def make_tissue_pictures(wall, answer):
     title = wall.result.title
-    makers = {"convergence": convergence_chart,
+    makers = {"convergence": convergence_chart, "chambers": chamber_chart,
               "leads": lambda _: lead_chart(wall, f"{title}: pseudo-ECG of {wall.name}", wall.lead_unit())}
     if seconds := wall.seconds_per_beat():
         makers = {"cost": lambda _: cost_chart(seconds, f"{title}: cost of {wall.name}", wall.cost_unit())} | makers

@@ -20,6 +20,8 @@ CAPTIONS = {
     "cost": "Wall time of each part for one beat, on the first process. The share is of what is shown.",
     "convergence": "Over the last beat. J is the volume of an element over that in the unloaded shape; the smallest of all "
                    "elements at each moment. Shading: phases of the left heart.",
+    "chambers": "Means over each chamber's wall and its smallest element; the ventricles share the septum by which cavity is nearer. "
+                "Motion: of the centre of the left ventricle's base and of its apex along the long axis, from the mesh as it was given.",
     "leads": "Pseudo-ECG at the electrodes of the scene: the tissue in an endless uniform conductor, no torso.",
 }
 
@@ -49,7 +51,7 @@ def tissue_section(wall, pictures):
     parts = [f"<h2>Tissue of {html.escape(wall.name)}</h2>"]
     if wall.trouble:
         parts.append(f"<p class='flag'>{html.escape(wall.trouble)}</p>")
-    parts += [embedded(pictures, kind, captions) for kind in ("activation", "deformation", "leads")]
+    parts += [embedded(pictures, kind, captions) for kind in ("activation", "deformation", "chambers", "leads")]
     if wall.figures:
         beats = wall.beats_measured()
         if wall.result.is_whole_beat:

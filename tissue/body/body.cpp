@@ -8,6 +8,7 @@
 #include <wiggers/heart/walls/cell_source.hpp>
 #include <wiggers/tissue/body/body.hpp>
 #include <wiggers/tissue/mesh/check.hpp>
+#include <wiggers/tissue/mesh/geometry.hpp>
 #include <wiggers/tissue/mesh/make.hpp>
 #include <wiggers/tissue/mesh/read.hpp>
 #include <wiggers/tissue/parallel/collective.hpp>
@@ -66,6 +67,21 @@ std::shared_ptr<const TetMesh> make_mesh(const TissuePlan& plan, const std::vect
   });
   broadcast_mesh(*mesh, communicator);
   return mesh;
+}
+
+void place_stimuli(TissuePlan& plan, const TetMesh& mesh, const std::string& place, MPI_Comm communicator) {
+  int rank = 0;
+  MPI_Comm_rank(communicator, &rank);
+  for (std::size_t k = 0; k < plan.stimuli.size(); ++k) {
+    if (!plan.sites[k]) continue;
+    try {
+      plan.stimuli[k].centre = find_site(mesh, *plan.sites[k]);
+    } catch (const InputError& error) {
+      throw InputError(fmt::format("{}.stimuli: {}", place, error.what()));
+    }
+    if (rank == 0 && !tissue_services().quiet)
+      fmt::print("note: {}: stimulus {} at {}\n", place, k + 1, place_text(plan.stimuli[k].centre));
+  }
 }
 
 FibreField make_fibres(const TissuePlan& plan, const TetMesh& mesh) {
@@ -163,6 +179,19 @@ MechanicsSettings mechanics_of(const TissuePlan& plan, const std::vector<int>& c
       return !contains(mesh.facet_tags, m.tag) && !contains(plan.named_tags, m.tag);
     });
   return s;
+}
+
+SolverKind solver_of(const TissuePlan& plan, const TetMesh& mesh) {
+  if (plan.solver) return *plan.solver;
+  if (plan.mechanics.order == 2) return SolverKind::direct;
+  constexpr double stiff_Pa = 1e5, good_part = 0.1;
+  const auto stiff = std::count_if(mesh.cell_tags.begin(), mesh.cell_tags.end(), [&](int tag) {
+    return std::any_of(plan.mechanics.materials.begin(), plan.mechanics.materials.end(),
+                       [&](const Material& m) { return m.tag == tag && m.stiffness_Pa >= stiff_Pa; });
+  });
+  return static_cast<double>(stiff) > good_part * static_cast<double>(mesh.cells.size())
+             ? SolverKind::gmres_gamg
+             : SolverKind::gmres_ilu;
 }
 
 std::shared_ptr<const TetMesh> unloaded_shape(const TissuePlan& plan, const std::vector<int>& chambers,

@@ -17,6 +17,9 @@ namespace wiggers {
 std::shared_ptr<const TetMesh> make_mesh(const TissuePlan& plan, const std::vector<int>& chambers,
                                          const std::string& place, MPI_Comm communicator);
 
+// Puts stimuli that are named by anatomy where their sites are on the mesh.
+void place_stimuli(TissuePlan& plan, const TetMesh& mesh, const std::string& place, MPI_Comm communicator);
+
 // Surface tag of a chamber's endocardium.
 int endocardium_of(int chamber);
 
@@ -41,6 +44,11 @@ std::vector<int> arteries_of(const TetMesh& mesh);
 // The plan's mechanics with its surfaces under pressure: endocardia of the chambers, then arteries_of(mesh).
 // Materials and supports that the plan only might need and the mesh does not have are left out.
 MechanicsSettings mechanics_of(const TissuePlan& plan, const std::vector<int>& chambers, const TetMesh& mesh);
+
+// The linear solver that the plan names, or the one that suits the body: complete factors for quadratic
+// tetrahedra, which incomplete ones do not solve; multigrid where a good part of the body is stiff beside its
+// muscle (valves, arteries), where incomplete factors fail; incomplete factors else.
+SolverKind solver_of(const TissuePlan& plan, const TetMesh& mesh);
 
 // The unloaded points of a mesh that was imaged under the plan's pressures; the mesh itself if the plan wants
 // no recovery. Collective.

@@ -23,7 +23,7 @@ struct ElectrophysiologyRun {
   const Scene& scene;
   const BodyRequest& request;
   MPI_Comm communicator;
-  const TissuePlan& plan;
+  TissuePlan plan;
   Progress::Style style;
 
   std::shared_ptr<const TetMesh> mesh;
@@ -57,6 +57,7 @@ struct ElectrophysiologyRun {
 
   void build(const std::map<std::string, PacedCellType>& cells) {
     mesh = make_mesh(plan, scene.walls.front().cavities, "body", communicator);
+    place_stimuli(plan, *mesh, "body", communicator);
     collectively(communicator, [&] { fibres = make_fibres(plan, *mesh); });
     partition = std::make_unique<Partition>(mesh, communicator);
     check_interrupt_of_all(communicator);

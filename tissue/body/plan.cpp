@@ -120,7 +120,14 @@ void read_stimuli(SettingsReader& table, double period_s, TissuePlan& plan) {
   for (const std::string& name : stimuli.keys()) {
     SettingsReader& s = stimuli.table(name);
     Stimulus stimulus;
-    stimulus.centre = read_place(s);
+    std::optional<Site> site;
+    if (s.has("site")) {
+      const std::string name_of_site = s.choice("site", "", site_names(), "site");
+      site = named_site(name_of_site, 0.5);
+      if (has_height(*site)) site->height = s.number(keys::height);
+    } else {
+      stimulus.centre = read_place(s);
+    }
     stimulus.radius = units::m_per_mm * s.number(keys::radius);
     stimulus.start_s = units::s_per_ms * s.number(keys::start);
     stimulus.duration_s = units::s_per_ms * s.number(keys::duration);
@@ -130,6 +137,7 @@ void read_stimuli(SettingsReader& table, double period_s, TissuePlan& plan) {
                                    s.place("start_ms"), stimulus.start_s * units::ms_per_s,
                                    stimulus.duration_s * units::ms_per_s, period_s));
     plan.stimuli.push_back(stimulus);
+    plan.sites.push_back(site);
   }
   if (plan.stimuli.empty())
     throw InputError(

@@ -8,6 +8,7 @@
 #include <vector>
 #include <wiggers/heart/scene/scene.hpp>
 #include <wiggers/heart/scene/wall_kind.hpp>
+#include <wiggers/tissue/mesh/sites.hpp>
 #include <wiggers/tissue/physics/mechanics.hpp>
 #include <wiggers/tissue/physics/monodomain.hpp>
 
@@ -37,6 +38,8 @@ inline constexpr Quantity sigma_n{
 inline constexpr Quantity x{"x_mm", "mm", 0, -1e3, 1e3, "place"};
 inline constexpr Quantity y{"y_mm", "mm", 0, -1e3, 1e3, "place"};
 inline constexpr Quantity z{"z_mm", "mm", 0, -1e3, 1e3, "place"};
+inline constexpr Quantity height{
+    "height", "1", 0.5, 0, 1, "of a site on a ventricle's wall: 0 at the apex, 1 at the base"};
 inline constexpr Quantity radius{"radius_mm", "mm", 3, 0.01, 1e3, "radius of the stimulated ball"};
 inline constexpr Quantity start{"start_ms", "ms", 160, 0, 20000, "start of the stimulus in the beat"};
 inline constexpr Quantity duration{"duration_ms", "ms", 3, 0.01, 100, "length of the stimulus"};
@@ -116,10 +119,11 @@ struct TissuePlan {
   Conductivity conductivity, fast_conductivity, atrial_conductivity;
   bool feedback = true;  // deformed conductivities
   std::vector<Stimulus> stimuli;
+  std::vector<std::optional<Site>> sites;  // of each stimulus: where it is, if not at its centre
   std::vector<Point3> electrodes;
 
-  MechanicsSettings mechanics;  // without its surfaces
-  SolverKind solver = SolverKind::gmres_ilu;
+  MechanicsSettings mechanics;       // without its surfaces
+  std::optional<SolverKind> solver;  // none: by what the body is
   double residual_tolerance = 1e-5, linear_tolerance = 1e-3;
   int tangent_every = 1;
   std::vector<int> named_tags;  // of materials and supports that the scene names itself

@@ -165,13 +165,10 @@ void read_mechanics(SettingsReader& table, Physics physics, std::vector<int>& ch
   s.n_n = mechanics.number(scene_keys::n_n);
   s.normalised_tension = mechanics.flag("normalised_tension", true);
   if (physics == Physics::heart) {
-    const std::vector<std::string> solvers = {"gmres-ilu", "gmres-gamg", "direct"};
-    // Incomplete factors do not solve quadratic tetrahedra.
-    const char* usual = s.order == 2 ? "direct" : "gmres-ilu";
-    const std::string solver = mechanics.choice("solver", usual, solvers, "linear solver");
-    plan.solver = solver == "direct"       ? SolverKind::direct
-                  : solver == "gmres-gamg" ? SolverKind::gmres_gamg
-                                           : SolverKind::gmres_ilu;
+    const std::vector<std::string> solvers = {"auto", "gmres-ilu", "gmres-gamg", "direct"};
+    const std::string solver = mechanics.choice("solver", "auto", solvers, "linear solver");
+    for (SolverKind kind : {SolverKind::gmres_ilu, SolverKind::gmres_gamg, SolverKind::direct})
+      if (solver == solver_kind_names[static_cast<std::size_t>(kind)]) plan.solver = kind;
     plan.residual_tolerance = mechanics.number(keys::newton);
     plan.linear_tolerance = mechanics.number(keys::linear);
     plan.tangent_every = static_cast<int>(mechanics.integer(keys::lag));

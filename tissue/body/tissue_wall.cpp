@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <optional>
+#include <set>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/progress.hpp>
 #include <wiggers/core/stopwatch.hpp>
@@ -52,11 +54,16 @@ struct TissueWall::Implementation {
   std::unique_ptr<Monodomain> monodomain;
   std::unique_ptr<Activation> activation;
   std::unique_ptr<Mechanics> mechanics;
+  SolverKind solver_kind = SolverKind::gmres_ilu;
   std::unique_ptr<LinearSolver> solver, direct;  // the latter where the former fails
   bool rescued = false;                          // the present matrix is the direct solver's
   std::vector<int> ep_node;         // node of the monodomain at each local vertex of the myocardium
   std::vector<int> region_of_node;  // region of the calcium's rescaling
   std::vector<double> cell_volume;  // of local conductive cells
+  // Of bodies with several cavities: whose wall each own vertex and each own cell of the myocardium is,
+  // indexes of `chambers`; -1: nobody's.
+  std::vector<int> chamber_of_node, chamber_of_cell;
+  std::optional<LongAxis> axis;  // of the left ventricle, on the image
   RecoveryReport recovery;
 
   std::vector<int> arteries_here;          // indexes of `arteries`
@@ -110,7 +117,8 @@ struct TissueWall::Implementation {
     mechanics = std::make_unique<Mechanics>(*partition, &fibres, mechanics_of(plan, chambers, *image));
     direct.reset();
     rescued = false;
-    solver = std::make_unique<LinearSolver>(mechanics->matrix(), plan.solver);
+    solver_kind = solver_of(plan, *mesh);
+    solver = std::make_unique<LinearSolver>(mechanics->matrix(), solver_kind);
     const NodeSpace& vertices = activation->nodes();
     ep_node.assign(vertices.n_local, -1);
     region_of_node.assign(vertices.n_local, 0);
@@ -130,6 +138,7 @@ struct TissueWall::Implementation {
       }
       cell_volume[c] = wiggers::cell_volume(*mesh, file);
     }
+    tell_chambers();
     stretch.assign(vertices.n_local, 1.0);
     stretch_before = stretch;
     calcium = rescaled_calcium();
@@ -139,6 +148,87 @@ struct TissueWall::Implementation {
     pressures = loaded(std::vector<double>(n_cavities(), 0.0));
     Y.assign(n_cavities(), std::vector<double>(3 * static_cast<std::size_t>(mechanics->nodes().n_own), 0.0));
     compliance.assign(n_cavities() * n_cavities(), 0.0);
+  }
+
+  // Atria by their tags, ventricles by which of them is nearer.
+  void tell_chambers() {
+    const NodeSpace& vertices = activation->nodes();
+    const auto index_of = [&](int chamber) {
+      const auto at = std::find(chambers.begin(), chambers.end(), chamber);
+      return at == chambers.end() ? -1 : static_cast<int>(at - chambers.begin());
+    };
+    chamber_of_node.assign(vertices.n_local, -1);
+    chamber_of_cell.assign(partition->cells().size(), -1);
+    for (std::size_t c = 0; c < partition->cells().size(); ++c) {
+      if (!vertices.has(static_cast<int>(c))) continue;
+      const int file = partition->cells()[c], tag = mesh->cell_tags[file];
+      const auto nodes = vertices.nodes_of(static_cast<int>(c));
+      double left = 0;
+      for (int k = 0; k < 4; ++k) {
+        const double share = fibres.interventricular[mesh->cells[file][k]];
+        left += 0.25 * share;
+        chamber_of_node[nodes[k]] = index_of(tag == mesh_tags::left_atrium    ? LA
+                                             : tag == mesh_tags::right_atrium ? RA
+                                             : share >= 0.5                   ? LV
+                                                                              : RV);
+      }
+      chamber_of_cell[c] = index_of(tag == mesh_tags::left_atrium    ? LA
+                                    : tag == mesh_tags::right_atrium ? RA
+                                    : left >= 0.5                    ? LV
+                                                                     : RV);
+    }
+  }
+
+  // Per chamber: mean tension (kPa) and stretch of its vertices, smallest J and volume (mL) of its cells.
+  void chamber_values(double* values) const {
+    const NodeSpace& vertices = activation->nodes();
+    const std::size_t m = chambers.size();
+    std::vector<double> sums(4 * m, 0.0), all(4 * m), smallest(m, std::numeric_limits<double>::infinity()),
+        least(m);
+    for (int k = 0; k < vertices.n_own; ++k) {
+      if (chamber_of_node[k] < 0) continue;
+      double* of = &sums[4 * static_cast<std::size_t>(chamber_of_node[k])];
+      of[0] += activation->accepted_tension()[k] / units::Pa_per_kPa;
+      of[1] += stretch[k];
+      of[2] += 1;
+    }
+    const auto deformation = mechanics->cell_deformation();
+    for (int c = 0; c < partition->n_own_cells(); ++c) {
+      const int chamber = chamber_of_cell[c];
+      if (chamber < 0) continue;
+      sums[4 * static_cast<std::size_t>(chamber) + 3] +=
+          cell_volume[c] * deformation[c][3] / units::m3_per_mL;
+      smallest[chamber] = std::min(smallest[chamber], deformation[c][3]);
+    }
+    MPI_Allreduce(sums.data(), all.data(), static_cast<int>(sums.size()), MPI_DOUBLE, MPI_SUM, communicator);
+    MPI_Allreduce(smallest.data(), least.data(), static_cast<int>(m), MPI_DOUBLE, MPI_MIN, communicator);
+    for (std::size_t k = 0; k < m; ++k) {
+      const double n = std::max(1.0, all[4 * k + 2]);
+      for (double value : {all[4 * k] / n, all[4 * k + 1] / n, least[k], all[4 * k + 3]}) *values++ = value;
+    }
+  }
+
+  // Motion of the left ventricle's base towards the apex and of its apex towards the base, from the image
+  // (mm).
+  void axis_values(double* values) const {
+    const NodeSpace& nodes = mechanics->nodes();
+    const double length = norm(axis->base - axis->apex);
+    const Point3 up = (1 / length) * (axis->base - axis->apex);
+    double sums[2] = {}, all[2];
+    const std::set<int> ring(axis->ring.begin(), axis->ring.end());
+    for (int k = 0; k < nodes.n_own; ++k) {
+      const int vertex = nodes.vertex[k];
+      if (vertex < 0 || !(ring.contains(vertex) || vertex == axis->apex_vertex)) continue;
+      double along = 0;
+      for (int i = 0; i < 3; ++i)
+        along += up[i] *
+                 (mesh->points[vertex][i] + mechanics->displacement()[3 * static_cast<std::size_t>(k) + i] -
+                  image->points[vertex][i]);
+      if (vertex == axis->apex_vertex) sums[1] += along;
+      if (ring.contains(vertex)) sums[0] -= along / static_cast<double>(ring.size());
+    }
+    MPI_Allreduce(sums, all, 2, MPI_DOUBLE, MPI_SUM, communicator);
+    for (int k = 0; k < 2; ++k) values[k] = all[k] * units::mm_per_m;
   }
 
   std::vector<double> rescaled_calcium() const {
@@ -183,19 +273,18 @@ struct TissueWall::Implementation {
 
   void set_ghosts(std::vector<double>& d) const { partition->update_ghosts(mechanics->nodes(), d.data(), 3); }
 
-  void solve(const std::vector<double>& right, std::vector<double>& x) {
+  void solve(const std::vector<double>& right, std::vector<double>& x, double tolerance) {
     const auto begin = Clock::now();
     // Where incomplete factors fail, complete ones take over until the next matrix: dear, but rare.
     constexpr int enough_iterations = 400;
     SolveReport report;
-    if (!rescued)
-      report = solver->solve(right.data(), x.data(), plan.linear_tolerance, 1e-12, enough_iterations);
+    if (!rescued) report = solver->solve(right.data(), x.data(), tolerance, 1e-12, enough_iterations);
     cost.solver_iterations += report.iterations;
-    if (!report.converged && plan.solver != SolverKind::direct) {
+    if (!report.converged && solver_kind != SolverKind::direct) {
       if (!direct) direct = std::make_unique<LinearSolver>(mechanics->matrix(), SolverKind::direct);
       if (!rescued) direct->matrix_changed();
       rescued = true;
-      report = direct->solve(right.data(), x.data(), plan.linear_tolerance, 1e-12);
+      report = direct->solve(right.data(), x.data(), tolerance, 1e-12);
       ++cost.rescues;
     }
     cost.solve_s += seconds_since(begin);
@@ -220,6 +309,7 @@ struct TissueWall::Implementation {
   void bring_to_volumes(const double* volumes_mL, std::vector<double>& p) {
     EquilibriumSettings statics = static_settings(mechanics->nodes());
     statics.relative_tolerance = 1e-6;
+    statics.first_step = 0.5;
     std::vector<std::optional<double>> wanted_m3;
     for (std::size_t k = 0; k < n_cavities(); ++k) wanted_m3.emplace_back(volumes_mL[k] * units::m3_per_mL);
     EquilibriumReport report;
@@ -262,6 +352,8 @@ TissueWall::TissueWall(const Scene& scene, const WallPlan& wall,
                                  me.name, me.plan.electrophysiology.tau_s * units::ms_per_s, me.dt_s));
 
   me.image = make_mesh(me.plan, me.chambers, fmt::format("walls.{}", me.name), communicator);
+  place_stimuli(me.plan, *me.image, fmt::format("walls.{}", me.name), communicator);
+  me.axis = long_axis(*me.image, false);
   me.arteries_here = arteries_of(*me.image);
   me.ionic = ionic_regions(scene, wall, *me.image, cells, fmt::format("walls.{}", me.name));
   // Before the minutes that the unloaded shape may take.
@@ -399,12 +491,14 @@ void TissueWall::linearise(const double* pressures, double* volumes, double* dV_
     std::vector<double> right = me.mechanics->residual();
     for (double& value : right) value = -value;
     me.y.assign(right.size(), 0.0);
-    me.solve(right, me.y);
+    me.solve(right, me.y, me.plan.linear_tolerance);
   }
   // The response to the pressures changes little within a step: once is enough, what it misses is left to the
   // next iteration.
   if ((fresh && me.iteration == 0) || !me.have_compliance) {
-    for (std::size_t l = 0; l < m; ++l) me.solve(me.mechanics->load(static_cast<int>(l)), me.Y[l]);
+    // They start from those of the last step, and need not be exact: volumes are measured, not predicted.
+    const double tolerance = std::min(0.1, 10 * me.plan.linear_tolerance);
+    for (std::size_t l = 0; l < m; ++l) me.solve(me.mechanics->load(static_cast<int>(l)), me.Y[l], tolerance);
     me.have_compliance = true;
   }
   for (std::size_t k = 0; k < m; ++k) {
@@ -572,6 +666,21 @@ std::vector<WallOutput> TissueWall::outputs() const {
   for (std::size_t k = 0; k < me_->plan.electrodes.size(); ++k)
     list.push_back(
         {fmt::format("lead_{}", k + 1), "mV m^2/s", "pseudo-ECG at the electrode, no absolute scale"});
+  if (me_->n_cavities() > 1)
+    for (int chamber : me_->chambers) {
+      const std::string_view name = chamber_names[chamber];
+      list.push_back(
+          {fmt::format("active_tension_{}", name), "kPa", "mean active tension of this chamber's wall"});
+      list.push_back({fmt::format("stretch_{}", name), "1", "mean fibre stretch of this chamber's wall",
+                      smallest_stretch, largest_stretch});
+      list.push_back({fmt::format("smallest_volume_ratio_{}", name), "1",
+                      "smallest J of the elements of this chamber's wall"});
+      list.push_back({fmt::format("wall_volume_{}", name), "mL", "volume of this chamber's wall"});
+    }
+  if (me_->axis) {
+    list.push_back({"base_motion", "mm", "of the left ventricle's base towards its apex, from the image"});
+    list.push_back({"apex_motion", "mm", "of the left ventricle's apex towards its base, from the image"});
+  }
   return list;
 }
 
@@ -592,6 +701,12 @@ void TissueWall::output_values(double* values) const {
   values[4] = me.mechanics->smallest_volume_ratio(me.mechanics->last_displacement()).first;
   for (std::size_t k = 0; k < me.plan.electrodes.size(); ++k)
     values[5 + k] = me.monodomain->lead(me.plan.electrodes[k]);
+  values += 5 + me.plan.electrodes.size();
+  if (me.n_cavities() > 1) {
+    me.chamber_values(values);
+    values += 4 * me.n_cavities();
+  }
+  if (me.axis) me.axis_values(values);
 }
 
 void TissueWall::open_fields(const std::string& folder, double resume_at_s) {
