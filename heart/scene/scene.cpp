@@ -344,13 +344,13 @@ void read_walls(SettingsReader& walls, Scene& scene) {
 // Names of cells are names of groups in the result file.
 void check_cell_name(const SettingsReader& cells, const std::string& name) {
   const bool plain =
-      !name.empty() && name.size() <= 100 && name != "." && name != ".." &&
-      std::all_of(name.begin(), name.end(), [](unsigned char c) { return c > 0x20 && c != '/'; });
+      !name.empty() && name.size() <= 100 &&
+      std::all_of(name.begin(), name.end(), [](unsigned char c) { return c > 0x20 && c != '/' && c != '.'; });
   if (!plain)
-    throw InputError(
-        fmt::format("{}: a name of cells names their group in the result file: at most 100 characters, no "
-                    "'/', no spaces, neither '.' nor '..'",
-                    cells.place(name)));
+    throw InputError(fmt::format(
+        "{}: a name of cells names their group in the result file and is part of keys: at most 100 "
+        "characters, no '/', no '.', no spaces",
+        cells.place(name)));
 }
 
 // A misspelt table would leave its part of the scene out.
@@ -489,6 +489,7 @@ Scene interpret(std::shared_ptr<SettingsTable> table, const std::string& name,
   refuse_unknown_tables(reader, name);
   Scene scene;
   scene.settings = settings;
+  scene.name = name;
   scene.folder = folder;
   scene.title = reader.text("title", name);
   SettingsReader& heart = reader.table("heart");
@@ -541,7 +542,7 @@ Scene with_numbers(const Scene& scene, const std::vector<std::pair<std::string, 
                        total_volume(scene.circulation, scene.initial.data()));
     }
   for (const auto& [key, value] : changes) override_setting(*table, key, value);
-  return interpret(table, scene.title, scene.folder);
+  return interpret(table, scene.name, scene.folder);
 }
 
 AtrialActivations atrial_activations_s(const Scene& scene) {

@@ -63,6 +63,7 @@ struct WallPlan {
 };
 
 struct Scene {
+  std::string name;  // of the file, for messages
   std::string title;
   std::filesystem::path folder;                    // of the scene file
   std::shared_ptr<const SettingsReader> settings;  // all that was read, defaults filled in

@@ -1,6 +1,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <wiggers/circulation/stiffness.hpp>
 #include <wiggers/core/errors.hpp>
 #include <wiggers/core/units.hpp>
 #include <wiggers/heart/indexes/indexes_of.hpp>
@@ -82,10 +84,12 @@ HeartStudy::HeartStudy(Scene scene) : scene_(std::move(scene)) {
     if (cell.ionic && !cell.from_limit_cycle)
       throw InputError(
           fmt::format("cells.{}.start = \"published\": a study has its cells on their limit cycles", name));
+  steps_ = {std::round(scene_.period_s / scene_.dt_s), scene_.dt_s, scene_.regulatory_substep_us};
 }
 
 HeartStudy HeartStudy::copy() const {
   HeartStudy other(scene_);
+  other.steps_ = steps_;
   other.cells_ = cells_;
   other.between_beats_ = between_beats_;
   return other;
@@ -146,6 +150,17 @@ std::vector<NamedParameter> HeartStudy::parameters() const {
   return list;
 }
 
+// Steps and sub-steps divide another period into the same numbers of parts, so that what depends on the
+// period does so smoothly; into more where they would be longer than the circulation is stable at.
+void HeartStudy::divide_period(double period_s, std::vector<std::pair<std::string, double>>& changes) const {
+  double bound = largest_filling_step(scene_.circulation).step_s;
+  if (!scene_.implicit_inductors) bound = std::min(bound, largest_explicit_step(scene_.circulation));
+  const double parts = std::max(steps_.a_period, std::ceil(period_s / (0.5 * bound)));
+  const double dt_s = period_s / parts;
+  changes.emplace_back("solver.dt_s", dt_s);
+  changes.emplace_back("solver.regulatory_substep_us", steps_.substep_us * (dt_s / steps_.dt_s));
+}
+
 void HeartStudy::set_parameters(std::span<const double> values) {
   const std::vector<NamedParameter> list = parameters();
   if (values.size() != list.size())
@@ -156,12 +171,7 @@ void HeartStudy::set_parameters(std::span<const double> values) {
     check_range(list[k].quantity, values[k], list[k].name);
     if (values[k] == list[k].value) continue;
     changes.emplace_back(list[k].name, values[k]);
-    // Steps and sub-steps divide the period into the same numbers of parts.
-    if (list[k].name == "heart.period_s") {
-      const double ratio = values[k] / scene_.period_s;
-      changes.emplace_back("solver.dt_s", scene_.dt_s * ratio);
-      changes.emplace_back("solver.regulatory_substep_us", scene_.regulatory_substep_us * ratio);
-    }
+    if (list[k].name == "heart.period_s") divide_period(values[k], changes);
   }
   if (changes.empty()) return;
   Scene changed = with_numbers(scene_, changes);

@@ -91,6 +91,7 @@ class HeartStudy {
   void for_each_number(AnyNumbers& numbers, Visit visit) const;
   template <class T>
   std::unique_ptr<HeartDriverOf<T>> build(const Numbers<T>& numbers, const CalciumOf<T>& calcium) const;
+  void divide_period(double period_s, std::vector<std::pair<std::string, double>>& changes) const;
   void solve_cells();
   void differentiate(SolvedCell& cell) const;
   template <class T>
@@ -104,6 +105,9 @@ class HeartStudy {
                                                        AtrialActivationsOf<Tangent>& atria);
 
   Scene scene_;
+  struct {
+    double a_period, dt_s, substep_us;
+  } steps_;  // of the scene as it was given: other periods are divided as it was
   std::map<std::string, SolvedCell> cells_;
   std::unique_ptr<HeartDriver> driver_;
   std::function<void(const LimitCycleCertificate&)> between_beats_;

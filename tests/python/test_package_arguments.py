@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import wiggers
+from conftest import SCENES
 
 ROOT = Path(os.environ["WIGGERS_ROOT"])
 SCENE = str(ROOT / "scenes" / "elastance_healthy.toml")
@@ -294,3 +295,32 @@ def test_columns_of_one_name_are_refused(loop):
     refused("two columns of the samples are named 'elastance.LV.EA'",
             lambda: loop.batch(pandas.DataFrame(np.ones((2, 2)), columns=[EA, EA])))
     refused("two columns of the samples are named", lambda: loop.batch(np.ones((2, 2)), [EA, EA]))
+
+
+def test_a_longer_period_keeps_steps_that_are_stable_and_comes_back():
+    heart = wiggers.Heart(SCENES / "elastance_healthy.toml")
+    def steps():
+        return [line for line in heart.text.splitlines() if line.startswith(("dt_s", "regulatory_substep"))]
+
+    first, before = steps(), heart.to_limit_cycle().indexes
+    assert len(first) == 2
+    heart.parameters["heart.period_s"] = 4.0  # in as many steps the circulation would be unstable
+    assert heart.to_limit_cycle().indexes["LV.EDV_mL"] > before["LV.EDV_mL"]
+    heart.parameters["heart.period_s"] = 0.8
+    assert steps() == first
+    after = heart.to_limit_cycle().indexes
+    assert all(after[name] == before[name] for name in ("LV.EDV_mL", "aorta.pressure_max_mmHg"))
+
+
+def test_messages_of_changed_numbers_name_the_file():
+    heart = wiggers.Heart(SCENES / "elastance_healthy.toml")
+    heart.parameters["walls.LA.TC"] = 0.2
+    with pytest.raises(wiggers.InputError, match="elastance_healthy.toml: walls"):
+        heart.parameters["walls.LA.TR"] = 0.79
+
+
+def test_names_of_cells_are_parts_of_keys():
+    text = (SCENES / "mixed.toml").read_text().replace("[cells.", '[cells."a.').replace('cells = "', 'cells = "a.')
+    lines = [line.replace("]", '"]') if line.startswith('[cells."') else line for line in text.splitlines()]
+    with pytest.raises(wiggers.InputError, match="no '\\.'"):
+        wiggers.Heart("\n".join(lines))

@@ -94,7 +94,7 @@ def test_a_whole_beat_ejects_and_is_audited(tmp_path, mesh):
             assert np.isfinite(item[()]), name
         assert figures["ranks"][()] == 1 and figures["steps"][()] == 400
         # Counts repeat, times do not: lost efficiency fails here. A count that falls by a lot is written down anew.
-        for name, recorded in (("tangents", 847), ("residuals", 852), ("solves", 1247), ("solver_iterations", 50592),
+        for name, recorded in (("tangents", 844), ("residuals", 850), ("solves", 1244), ("solver_iterations", 17824),
                                ("electrophysiology_iterations", 18893)):
             assert 0.875 * recorded <= figures[name][()] <= 1.04 * recorded, name
         assert figures["direct_solves"][()] == figures["rejected_steps"][()] == 0
@@ -201,7 +201,7 @@ def test_stopped_and_resumed(tmp_path, undisturbed, how, before, after):
         assert leftover.name in ("r.h5", "r.LV.fields") or leftover.name.endswith(".partial")
 
 
-@pytest.mark.parametrize("solver", ["gmres-ilu", "direct"])
+@pytest.mark.parametrize("solver", ["gmres-ilu", "gmres-gamg", "direct"])
 def test_default_tolerances_bear_a_kill_bit_for_bit_and_several_beats(tmp_path, solver):
     """Two kills, the second in the second beat; the resumed run is the undisturbed one, whatever factors it kept."""
     settings = [*COARSE, *sets(walls__LV__mechanics__solver=solver, heart__period_s=0.2, walls__LV__stimuli__apex__start_ms=20, walls__LV__stimuli__septum__start_ms=20,

@@ -376,6 +376,18 @@ TEST_CASE("multigrid serves later matrices while it does so well, and gives way"
   const int own = iterations_with(far);
   solver.forget();
   CHECK(own <= 2 * std::max(8, iterations_with(far)));
+  // Once forgotten it is as new, to the last bit.
+  const auto solved = [&](LinearSolver& by) {
+    const std::vector<double> b(size, 1.0);
+    std::vector<double> x(size, 0.0);
+    CHECK(by.solve(b.data(), x.data(), 1e-4, 0).converged);
+    return x;
+  };
+  assemble_mass(matrix, near);
+  solver.matrix_changed();
+  solver.forget();
+  LinearSolver other(matrix, SolverKind::gmres_gamg);
+  CHECK(everywhere(partition, solved(solver) == solved(other)));
 }
 
 namespace {

@@ -120,9 +120,9 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
     bool converged = false;
     std::vector<Point3> guess;  // of the displacement, from the last iteration
     Mixing mixing;
-    double best = std::numeric_limits<double>::infinity();
+    double best = std::numeric_limits<double>::infinity(), halved = best;
     std::vector<Point3> best_X;
-    int since_best = 0;
+    int since_halved = 0;
     for (int iteration = 0; iteration < settings.max_iterations; ++iteration) {
       auto mesh = std::make_shared<TetMesh>(*image);
       mesh->points = X;
@@ -192,15 +192,17 @@ std::shared_ptr<const TetMesh> recover_reference(const std::shared_ptr<const Tet
         for (int i = 0; i < 3; ++i)
           largest = std::max(largest, std::abs(image->points[k][i] - X[k][i] - d[k][i]));
       report.residual_m = largest;
-      if (largest < 0.5 * best) {
+      ++since_halved;
+      if (largest < 0.5 * halved) {
+        halved = largest;
+        since_halved = 0;
+      }
+      if (largest < best) {
         best = largest;
         best_X = X;
-        since_best = 0;
-      } else {
-        ++since_best;
       }
       const bool last = iteration + 1 == settings.max_iterations;
-      const bool stalls = next < 1 || since_best >= settings.patience || last;
+      const bool stalls = next < 1 || since_halved >= settings.patience || last;
       if (best <= settings.aim_m || (best <= good_enough_m && stalls)) {
         X = best_X;
         report.residual_m = best;

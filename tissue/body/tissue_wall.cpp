@@ -167,10 +167,12 @@ struct TissueWall::Implementation {
       for (int k = 0; k < 4; ++k) {
         const double share = fibres.interventricular[mesh->cells[file][k]];
         left += 0.25 * share;
-        chamber_of_node[nodes[k]] = index_of(tag == mesh_tags::left_atrium    ? LA
-                                             : tag == mesh_tags::right_atrium ? RA
-                                             : share >= 0.5                   ? LV
-                                                                              : RV);
+        // A vertex between two chambers is the later one's, whatever the order of the cells.
+        chamber_of_node[nodes[k]] =
+            std::max(chamber_of_node[nodes[k]], index_of(tag == mesh_tags::left_atrium    ? LA
+                                                         : tag == mesh_tags::right_atrium ? RA
+                                                         : share >= 0.5                   ? LV
+                                                                                          : RV));
       }
       chamber_of_cell[c] = index_of(tag == mesh_tags::left_atrium    ? LA
                                     : tag == mesh_tags::right_atrium ? RA
@@ -496,8 +498,10 @@ void TissueWall::linearise(const double* pressures, double* volumes, double* dV_
   // The response to the pressures changes little within a step: once is enough, what it misses is left to the
   // next iteration.
   if ((fresh && me.iteration == 0) || !me.have_compliance) {
-    // They start from those of the last step, and need not be exact: volumes are measured, not predicted.
-    const double tolerance = std::min(0.1, 10 * me.plan.linear_tolerance);
+    // They start from those of the last step, and need not be exact: volumes are measured, not predicted. Of
+    // several cavities they are most of the systems, and looser ones save more than the iterations of Newton
+    // they cost.
+    const double tolerance = m > 1 ? std::min(0.1, 10 * me.plan.linear_tolerance) : me.plan.linear_tolerance;
     for (std::size_t l = 0; l < m; ++l) me.solve(me.mechanics->load(static_cast<int>(l)), me.Y[l], tolerance);
     me.have_compliance = true;
   }

@@ -174,9 +174,18 @@ Point3 sinus_node(const TetMesh& mesh) {
   const Vertices below = of_cells(mesh, [](int t) { return t == mesh_tags::ventricles; });
   const Point3 middle = centroid(mesh, inside);
   const auto left = ventricle_of(mesh, false);
-  const Point3 up = left            ? left->axis()
-                    : below.empty() ? unit(centroid(mesh, veins.front()) - middle)
-                                    : unit(middle - centroid(mesh, below));
+  // Without ventricles from the tricuspid ring, where the muscle meets valves or annuli.
+  const Vertices tricuspid =
+      common(muscle, of_cells(mesh, [](int t) { return t == mesh_tags::annuli || t == mesh_tags::valves; }));
+  if (!left && below.empty() && tricuspid.empty() && veins.size() > 1)
+    throw InputError(
+        "the mesh has neither ventricles nor valves: which vein is the superior one cannot be known. Name "
+        "the place by "
+        "x_mm, y_mm, z_mm");
+  const Point3 up = left                 ? left->axis()
+                    : !below.empty()     ? unit(middle - centroid(mesh, below))
+                    : !tricuspid.empty() ? unit(middle - centroid(mesh, tricuspid))
+                                         : unit(centroid(mesh, veins.front()) - middle);
   const Vertices& superior = *std::max_element(veins.begin(), veins.end(), [&](const auto& a, const auto& b) {
     return dot(centroid(mesh, a), up) < dot(centroid(mesh, b), up);
   });

@@ -231,10 +231,7 @@ LinearSolver::LinearSolver(const NodeMatrix& matrix, SolverKind kind) : matrix_(
       if (kind == SolverKind::gmres_gamg) {
         scalars_ = scalar_copy(matrix);
         attach_rigid_body_modes(matrix, scalars_);
-        check(PCSetType(preconditioner, PCGAMG), "PCSetType");
-        // Small coarse grids: three times cheaper an iteration than none aggressive, and as many iterations.
-        check(PCGAMGSetAggressiveLevels(preconditioner, 2), "coarsening");
-        check(PCGAMGSetReuseInterpolation(preconditioner, PETSC_TRUE), "interpolation");
+        choose_multigrid();
       } else {
         check(PCSetType(preconditioner, PCBJACOBI), "PCSetType");
       }
@@ -256,6 +253,18 @@ LinearSolver::~LinearSolver() {
   VecDestroy(&b_);
   KSPDestroy(&solver_);
   MatDestroy(&scalars_);
+}
+
+void LinearSolver::choose_multigrid() {
+  PC preconditioner = nullptr;
+  check(KSPGetPC(solver_, &preconditioner), "KSPGetPC");
+  // Through another type, so that nothing is left of a hierarchy that was there: a reset alone leaves some of
+  // it (PETSc 3.18).
+  check(PCSetType(preconditioner, PCNONE), "PCSetType");
+  check(PCSetType(preconditioner, PCGAMG), "PCSetType");
+  // Small coarse grids: three times cheaper an iteration than none aggressive, and as many iterations.
+  check(PCGAMGSetAggressiveLevels(preconditioner, 2), "coarsening");
+  check(PCGAMGSetReuseInterpolation(preconditioner, PETSC_TRUE), "interpolation");
 }
 
 // Said anew whenever the preconditioner is to be rebuilt: PETSc would rebuild it only within the first
@@ -286,10 +295,9 @@ void LinearSolver::renew() {
 
 void LinearSolver::forget() {
   check(KSPReset(solver_), "reset");
+  if (kind_ == SolverKind::gmres_gamg) choose_multigrid();
   built_ = false;
-  when_new_ = 0;
-  keep(false);
-  set_operators();
+  renew();
 }
 
 SolveReport LinearSolver::solve(const double* b, double* x, double relative, double absolute,
@@ -307,7 +315,8 @@ SolveReport LinearSolver::solve(const double* b, double* x, double relative, dou
     report = iterate(b, x, relative, absolute, max_iterations);
     report.iterations += in_vain;
   }
-  built_ = lasts() && report.converged;
+  // What was found worn stays so until it is renewed, however easy the next system is.
+  if (!kept_ || !report.converged) built_ = lasts() && report.converged;
   if (kind_ == SolverKind::gmres_gamg && report.converged) {
     if (!kept_) when_new_ = std::max({when_new_, report.iterations, fewest_when_new});
     if (kept_ && report.iterations > worn * when_new_) built_ = false;  // the next matrix gets its own

@@ -106,6 +106,7 @@ class LinearSolver {
   // Building multigrid costs some ten to twenty iterations with it: it is kept while a solve takes less than
   // this many times those of a new one, and given up within a solve at twice that.
   static constexpr int worn = 2, fewest_when_new = 8;
+  void choose_multigrid();
   bool lasts() const { return kind_ == SolverKind::direct || kind_ == SolverKind::gmres_gamg; }
   void renew();
   void set_operators();
