@@ -155,7 +155,8 @@ std::vector<NamedParameter> HeartStudy::parameters() const {
 void HeartStudy::divide_period(double period_s, std::vector<std::pair<std::string, double>>& changes) const {
   double bound = largest_filling_step(scene_.circulation).step_s;
   if (!scene_.implicit_inductors) bound = std::min(bound, largest_explicit_step(scene_.circulation));
-  const double parts = std::max(steps_.a_period, std::ceil(period_s / (0.5 * bound)));
+  double parts = steps_.a_period;
+  if (period_s / parts > bound) parts = std::ceil(period_s / (0.5 * bound));
   const double dt_s = period_s / parts;
   changes.emplace_back("solver.dt_s", dt_s);
   changes.emplace_back("solver.regulatory_substep_us", steps_.substep_us * (dt_s / steps_.dt_s));

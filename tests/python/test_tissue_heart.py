@@ -54,11 +54,12 @@ def test_the_atria_begin_and_no_linear_system_is_left(beginning):
     assert abs(traces["base_motion"]).max() < 20 and abs(traces["apex_motion"]).max() < 20
 
 
-def test_ranks_agree(beginning, tmp_path):
-    path, _ = beginning
-    outcome = run("run", SCENE, *COARSE, "-o", "one.h5", ranks=1, cwd=tmp_path)
-    assert outcome.status in (0, 1), outcome.err
-    same_but_round_off(path, tmp_path / "one.h5", 1e-4, wall="heart")
+def test_ranks_agree(tmp_path):
+    """From one unloaded shape: what recovery settles for differs by more between partitions, within its tolerance."""
+    for ranks in (1, 2):
+        outcome = run("run", SCENE, *COARSE, *sets(walls__heart__reference__recover="false"), "-o", f"{ranks}.h5", ranks=ranks, cwd=tmp_path)
+        assert outcome.status in (0, 1), outcome.err
+    same_but_round_off(tmp_path / "1.h5", tmp_path / "2.h5", 1e-4, wall="heart")
 
 
 @pytest.mark.parametrize("change, words", [

@@ -376,7 +376,8 @@ TEST_CASE("multigrid serves later matrices while it does so well, and gives way"
   const int own = iterations_with(far);
   solver.forget();
   CHECK(own <= 2 * std::max(8, iterations_with(far)));
-  // Once forgotten it is as new, to the last bit.
+  // Once forgotten it is as new: on one rank to the last bit, on several, where multigrid orders its sums by
+  // the moment, to the solvers' tolerance.
   const auto solved = [&](LinearSolver& by) {
     const std::vector<double> b(size, 1.0);
     std::vector<double> x(size, 0.0);
@@ -387,7 +388,13 @@ TEST_CASE("multigrid serves later matrices while it does so well, and gives way"
   solver.matrix_changed();
   solver.forget();
   LinearSolver other(matrix, SolverKind::gmres_gamg);
-  CHECK(everywhere(partition, solved(solver) == solved(other)));
+  const std::vector<double> again = solved(solver), anew = solved(other);
+  if (partition.n_ranks() == 1) CHECK(again == anew);
+  bool near_enough = true;
+  for (std::size_t k = 0; k < size; ++k)
+    near_enough =
+        near_enough && std::abs(again[k] - anew[k]) <= 1e-3 * std::abs(anew[k]) + 1e-3 * largest(anew);
+  CHECK(everywhere(partition, near_enough));
 }
 
 namespace {
